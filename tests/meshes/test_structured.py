@@ -32,10 +32,14 @@ def test_bcc_box_boundary_is_outward_and_on_its_planes():
         )
 
 
-@pytest.mark.parametrize("mesh, volume", [
-    (shapes.icosphere(4), 4 * np.pi / 3), (shapes.torus(n_major=200, n_minor=80), 2 * np.pi**2 * 0.09),
-    (shapes.cube(2.0), 8.0),
-])
+@pytest.mark.parametrize(
+    "mesh, volume",
+    [
+        (shapes.icosphere(4), 4 * np.pi / 3),
+        (shapes.torus(n_major=200, n_minor=80), 2 * np.pi**2 * 0.09),
+        (shapes.cube(2.0), 8.0),
+    ],
+)
 def test_shapes_are_outward(mesh, volume):
     a, b, c = (mesh.points[mesh.faces[:, k]] for k in range(3))
     assert np.einsum("ij,ij->", a, np.cross(b, c)) / 6 == pytest.approx(volume, rel=5e-3)
