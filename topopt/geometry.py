@@ -1,0 +1,95 @@
+"""P1 geometry of a tetrahedral mesh: volumes, gradients of the hat functions, lumped mass."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from meshes.errors import InvalidMesh
+
+
+@dataclass(frozen=True, eq=False)
+class TetGeometry:
+    """What every P1 integral on a mesh is made of.
+
+    Parameters
+    ----------
+    volumes : (m,) float array [m^3]
+    gradients : (m, 4, 3) float array [1/m]
+        gradients[e, a] is the constant gradient of the hat function of corner a on tet e.
+    lumped_mass : (n,) float array [m^3]
+        int N_i, the diagonal of the row-sum lumped mass matrix; it sums to the domain's volume.
+    """
+
+    volumes: np.ndarray
+    gradients: np.ndarray
+    lumped_mass: np.ndarray
+
+
+def tet_geometry(mesh):
+    """Volumes, hat-function gradients and lumped mass of a mesh.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+        Every tet positively oriented.
+
+    Returns
+    -------
+    TetGeometry
+        Read-only arrays.
+
+    Raises
+    ------
+    InvalidMesh
+        If a tet is flat, inverted, or has a coordinate that is not finite.
+    """
+    origin, a, b, c = (mesh.points[mesh.tets[:, k]] for k in range(4))
+    a, b, c = a - origin, b - origin, c - origin
+    # The gradient of a corner's hat function is the opposite face's normal, area / (3 volume).
+    normals = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    six_volumes = np.einsum("ij,ij->i", normals[:, 0], a)
+    _check_orientation(six_volumes)
+    gradients = np.empty((len(mesh.tets), 4, 3))
+    gradients[:, 1:] = normals / six_volumes[:, None, None]
+    gradients[:, 0] = -gradients[:, 1:].sum(axis=1)
+    volumes = six_volumes / 6.0
+    lumped_mass = np.bincount(
+        mesh.tets.ravel(), np.repeat(volumes / 4.0, 4), minlength=len(mesh.points)
+    )
+    for array in (volumes, gradients, lumped_mass):
+        array.flags.writeable = False
+    return TetGeometry(volumes, gradients, lumped_mass)
+
+
+def _check_orientation(six_volumes):
+    """Raise InvalidMesh unless every volume is positive and finite."""
+    bad = np.flatnonzero(~(six_volumes > 0) | ~np.isfinite(six_volumes))
+    if len(bad):
+        raise InvalidMesh(
+            f"{len(bad)} of {len(six_volumes)} tets have no positive volume "
+            f"(first: tet {bad[0]}); mesh the domain again or swap two corners of inverted tets."
+        )
+
+
+def morton_order(points, bits=16):
+    """Order points along a Morton (Z-order) curve, so that neighbours in space lie near in memory.
+
+    Parameters
+    ----------
+    points : (n, 3) float array [m]
+    bits : int
+        Cells per axis: 2**bits of the longest side of the bounding box; at most 21.
+
+    Returns
+    -------
+    (n,) int array
+        order[k] is the index of the point that comes k-th.
+    """
+    extent = np.ptp(points, axis=0).max()
+    scale = (2**bits - 1) / extent if extent > 0 else 0.0
+    cells = ((points - points.min(axis=0)) * scale).astype(np.int64)
+    key = np.zeros(len(points), np.int64)
+    for bit in range(bits):
+        for axis in range(3):
+            key |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(key, kind="stable")
