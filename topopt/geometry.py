@@ -93,3 +93,21 @@ def morton_order(points, bits=16):
         for axis in range(3):
             key |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
     return np.argsort(key, kind="stable")
+
+
+def mass_product(tets, volumes, values):
+    """Return int N_i v for a P1 function v: the consistent mass matrix times its nodal values.
+
+    Parameters
+    ----------
+    tets : (m, 4) int array
+    volumes : (m,) float array [m^3]
+    values : (n,) float array
+
+    Returns
+    -------
+    (n,) float array, in the unit of `values` times m^3
+    """
+    corners = values[tets]
+    share = (corners + corners.sum(axis=1, keepdims=True)) * (volumes / 20.0)[:, None]
+    return np.bincount(tets.ravel(), share.ravel(), minlength=len(values))

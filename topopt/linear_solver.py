@@ -1,0 +1,179 @@
+"""The slot for the linear solver of the state problem, and two of its occupants.
+
+A solver is made once per mesh, takes the numbers of the matrix anew in every step (`update`), and
+solves for as many right sides as are asked for (`solve`). Whoever keeps to the `LinearSolver`
+protocol can take the slot without the optimiser knowing.
+"""
+
+import logging
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pyamg
+from scipy.sparse import bsr_matrix
+from scipy.sparse.linalg import splu
+
+from meshes.errors import NotConverged
+
+log = logging.getLogger("phasemesh")
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a linear solver hands back.
+
+    Parameters
+    ----------
+    displacement : (n, 3) float array [m]
+    residual_vector : (n, 3) float array [N]
+        f - K u, computed from the displacement itself.
+    iterations : int
+    history : tuple of float
+        Relative residual norms, oldest first.
+    error_energy : float [J]
+        r . B r, an estimate of the squared energy norm r . K^-1 r of the error.
+    solver : str
+        Who solved it.
+    """
+
+    displacement: np.ndarray
+    residual_vector: np.ndarray
+    iterations: int
+    history: tuple[float, ...]
+    error_energy: float
+    solver: str
+
+
+class LinearSolver(Protocol):
+    """A solver for symmetric positive definite matrices of 3 x 3 blocks on one mesh."""
+
+    name: str
+
+    def update(self, matrix):
+        """Take a new matrix (bsr_array in 3 x 3 blocks) with the pattern of this mesh."""
+
+    def solve(self, right_side, start=None, tolerance=1e-6) -> Solution:
+        """Solve K u = right_side (n, 3) to |f - K u| <= tolerance |f|, from `start` (n, 3).
+
+        Raises NotConverged, with the history of residuals, where that cannot be reached.
+        """
+
+
+class DirectSolver:
+    """A sparse LU factorisation: exact, and the reference for the others; for small meshes."""
+
+    name = "direct"
+
+    def update(self, matrix):
+        self._matrix = matrix
+        self._factors = splu(
+            matrix.tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+
+    def solve(self, right_side, start=None, tolerance=1e-6):
+        f = right_side.ravel()
+        x = self._factors.solve(f)
+        residual = f - self._matrix @ x
+        size = float(np.linalg.norm(residual) / (np.linalg.norm(f) or 1.0))
+        if not size <= tolerance:
+            raise NotConverged(
+                f"the direct solver leaves a relative residual of {size:.1e} where {tolerance:.1e} "
+                "is asked for: the matrix is singular or nearly so; check the supports.",
+                (size,),
+            )
+        error = float(residual @ self._factors.solve(residual))
+        shape = right_side.shape
+        return Solution(
+            x.reshape(shape), residual.reshape(shape), 1, (size,), max(error, 0.0), self.name
+        )
+
+
+class PyamgSolver:
+    """Conjugate gradients with pyamg's smoothed aggregation, the hierarchy rebuilt in each update.
+
+    Parameters
+    ----------
+    modes : (n, 3, 6) float array
+        Rigid-body modes, zero at the fixed degrees of freedom.
+    max_iterations : int
+    """
+
+    name = "pyamg"
+
+    def __init__(self, modes, max_iterations=500):
+        self._modes = modes.reshape(-1, modes.shape[2])
+        self._max_iterations = max_iterations
+
+    def update(self, matrix):
+        self._matrix = bsr_matrix(matrix)
+        smoother = ("block_gauss_seidel", {"sweep": "symmetric"})
+        self._hierarchy = pyamg.smoothed_aggregation_solver(
+            self._matrix,
+            B=self._modes,
+            symmetry="symmetric",
+            strength=("symmetric", {"theta": 0.02}),
+            improve_candidates=None,
+            max_coarse=300,
+            presmoother=smoother,
+            postsmoother=smoother,
+        )
+
+    def solve(self, right_side, start=None, tolerance=1e-6):
+        f = right_side.ravel()
+        size = float(np.linalg.norm(f)) or 1.0
+        history = []
+        x = self._hierarchy.solve(
+            f,
+            x0=None if start is None else start.ravel(),
+            tol=tolerance,
+            accel="cg",
+            maxiter=self._max_iterations,
+            residuals=history,
+        )
+        residual = f - self._matrix @ x
+        history = (*(float(h) / size for h in history), float(np.linalg.norm(residual)) / size)
+        if not history[-1] <= tolerance:
+            raise NotConverged(
+                f"pyamg stalled at a relative residual of {history[-1]:.1e} after {len(history)} "
+                f"iterations where {tolerance:.1e} is asked for; use solver: direct, or a mesh "
+                "with better tets.",
+                history,
+            )
+        preconditioned = self._hierarchy.aspreconditioner() @ residual
+        shape = right_side.shape
+        return Solution(
+            x.reshape(shape),
+            residual.reshape(shape),
+            len(history) - 2,
+            history,
+            max(float(residual @ preconditioned), 0.0),
+            self.name,
+        )
+
+
+def rigid_body_modes(points, fixed):
+    """The near-null space of elasticity: three translations and three rotations.
+
+    Parameters
+    ----------
+    points : (n, 3) float array [m]
+    fixed : (n, 3) bool array
+        Degrees of freedom at which the modes are set to zero.
+
+    Returns
+    -------
+    (n, 3, 6) float array
+        Centred and scaled, so that all six modes are of size one.
+    """
+    x, y, z = (points - points.mean(axis=0)).T / (np.ptp(points, axis=0).max() or 1.0)
+    modes = np.zeros((len(points), 3, 6))
+    modes[:, range(3), range(3)] = 1.0
+    modes[:, 0, 3], modes[:, 1, 3] = -y, x
+    modes[:, 1, 4], modes[:, 2, 4] = -z, y
+    modes[:, 2, 5], modes[:, 0, 5] = -x, z
+    modes[fixed] = 0.0
+    return modes
