@@ -1,0 +1,16 @@
+"""The bridge of the thesis: `python -m cases.bridge`."""
+
+from pathlib import Path
+
+from cases.cli import run_bundled
+
+CASE = Path(__file__).with_suffix(".yaml")
+
+
+def main(arguments=None):
+    """Run the case with command-line arguments; returns the exit code."""
+    return run_bundled(CASE, arguments)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,142 @@
+"""The folder of a run: which files belong to it, and whose they are."""
+
+from pathlib import Path
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from meshes.errors import InvalidCase
+
+STAGES = ("mesh", "topopt", "isosurface", "smooth", "remesh")
+
+# What each stage writes; the first is what a later stage goes on from.
+_FILES = {
+    "mesh": ("mesh.npz",),
+    "topopt": ("phase_field.npz", "history.csv", "fields/*.vtu", "fields/*.pvd"),
+    "isosurface": ("isosurface.ply",),
+    "smooth": ("smoothed.ply",),
+    "remesh": ("surface.ply", "surface.stl"),
+}
+_ALWAYS = ("case.yaml", "quality.json", "summary.txt", "pictures/*.png")
+_RUN_FILES = ("manifest.json", "run.log")
+
+# The sections of the case on which the files of a stage depend, besides the earlier stages'.
+_SECTIONS = {
+    "mesh": ("name", "seed", "domain", "symmetry", "supports", "loads", "mesh"),
+    "topopt": ("material", "gravity", "topopt"),
+    "isosurface": ("isosurface",),
+    "smooth": ("smooth",),
+    "remesh": ("rbf", "remesh"),
+}
+
+
+class RunFolder:
+    """The output folder of one run.
+
+    Parameters
+    ----------
+    path : str or Path
+    """
+
+    def __init__(self, path):
+        self.path = Path(path)
+
+    def __truediv__(self, name):
+        return self.path / name
+
+    def prepare(self, case, first_stage, force):
+        """Check that the folder may be written to, and make it ready.
+
+        Parameters
+        ----------
+        case : dict
+            The resolved case.
+        first_stage : str
+            The files of this stage and of later ones are removed, those before it are kept.
+        force : bool
+            Whether another run's files may be removed.
+
+        Raises
+        ------
+        InvalidCase
+            If the folder holds another run's files, or lacks the stages before `first_stage`.
+        """
+        if first_stage != STAGES[0]:
+            self._check_reusable(case, first_stage)
+        elif not force:
+            self._check_mine(case)
+        try:
+            for name in ("", "fields", "pictures"):
+                (self.path / name).mkdir(parents=True, exist_ok=True)
+            for file in self._files_from(first_stage):
+                file.unlink(missing_ok=True)
+        except OSError as error:
+            raise InvalidCase(f"--out {self.path}: {error.strerror}") from None
+
+    def _files_from(self, stage):
+        patterns = [*_ALWAYS]
+        for name in STAGES[STAGES.index(stage) :]:
+            patterns += _FILES[name]
+        if stage == STAGES[0]:
+            patterns += _RUN_FILES
+        return [file for pattern in patterns for file in self.path.glob(pattern)]
+
+    def _check_mine(self, case):
+        if not self.path.exists():
+            return
+        if not self.path.is_dir():
+            raise InvalidCase(f"--out {self.path}: is a file, not a folder")
+        if not any(self.path.iterdir()):
+            return
+        if self.stored_case() != case:
+            raise InvalidCase(
+                f"--out {self.path}: holds another run's files; choose another folder, "
+                "or add --force to replace them"
+            )
+
+    def stored_case(self):
+        """The resolved case that the folder's files were made by, or None."""
+        try:
+            return YAML(typ="safe", pure=True).load(self.path / "case.yaml")
+        except (OSError, YAMLError, ValueError):
+            return None
+
+    def _check_reusable(self, case, first_stage):
+        stored = self.stored_case()
+        if stored is None:
+            raise InvalidCase(
+                f"--from {first_stage}: {self.path} holds no earlier run of this case "
+                "(case.yaml is missing); run without --from first"
+            )
+        earlier = STAGES[: STAGES.index(first_stage)]
+        for stage in earlier:
+            for section in _SECTIONS[stage]:
+                _check_unchanged(case, stored, section, stage, first_stage)
+        for stage in earlier:
+            if not (self.path / _FILES[stage][0]).is_file():
+                raise InvalidCase(
+                    f"--from {first_stage}: {self.path / _FILES[stage][0]} is missing; "
+                    f"run with --from {stage} or without --from"
+                )
+
+
+def _check_unchanged(case, stored, section, stage, first_stage):
+    difference = _first_difference(case.get(section), stored.get(section), section)
+    if difference:
+        key, new, old = difference
+        advice = "without --from" if stage == STAGES[0] else f"with --from {stage}"
+        raise InvalidCase(
+            f"--from {first_stage}: {key} is {new} now and was {old} when the files were made, "
+            f"which changes the stage {stage}; run {advice}, or with the same --preset and --set"
+        )
+
+
+def _first_difference(new, old, key):
+    """The first (dotted key, new, old) at which two trees differ, or None."""
+    if isinstance(new, dict) and isinstance(old, dict):
+        for name in [*new, *(name for name in old if name not in new)]:
+            found = _first_difference(new.get(name), old.get(name), f"{key}.{name}")
+            if found:
+                return found
+        return None
+    return None if new == old else (key, new, old)
