@@ -1,0 +1,196 @@
+"""Creases, corners and patches of surfaces that come without labels.
+
+Edges whose faces turn by more than an angle are candidates. On a CAD surface they form nets of
+curves that hardly ever end; on a scan or a jagged isosurface they are scattered bits with ends
+everywhere. So an edge counts as a crease only
+
+1. if the turn is there in the raw normals and in normals averaged once over each face and its
+   neighbours (neighbours across a sharp turn count little, so that a crease stays sharp),
+2. and if the connected net of candidates it belongs to has at most one loose end for every
+   `EDGES_PER_END` edges (an end on an open boundary is not loose),
+3. and if that net is no speck: fewer than `SPECK_EDGES` edges in the middle of a smooth patch,
+   unless it bounds planar patches.
+
+Loose spurs shorter than `SPUR_EDGES` edges are cut off the rest. A crease that ends inside a patch
+is a feature edge, but separates nothing.
+"""
+
+import numpy as np
+
+from meshes.patch import Patch, Plane
+from meshes.quality import area_vectors, normalised
+from meshes.topology import _components, angle_between, edge_table, feature_mask
+from meshes.tri_mesh import TriMesh
+
+EDGES_PER_END = 15
+SPECK_EDGES = 20
+SPECK_RATIO = 10  # faces around a speck for every face inside
+SPUR_EDGES = 3
+NORMAL_WIDTH = 0.35  # of the difference of unit normals that are averaged
+PLANAR = 1e-6  # of the diagonal: how far vertices of a planar patch may lie off
+
+
+def find_features(mesh, angle=40.0):
+    """Find feature edges and label the patches between them.
+
+    Parameters
+    ----------
+    mesh : TriMesh
+        Label boundaries, feature edges and open boundaries it already has are kept.
+    angle : float [degrees]
+        How far the normals turn across a crease at least.
+
+    Returns
+    -------
+    TriMesh
+        The same points and faces; one label per set of faces connected without crossing a
+        feature edge, with its plane if all its vertices lie on one.
+    """
+    table = edge_table(mesh.faces)
+    given = feature_mask(mesh, table)
+    crease = _candidates(mesh, table, np.radians(angle)) & ~given
+    crease = _connected_nets(crease, given, table.edges, len(mesh.points))
+    crease = _without_spurs(crease, given, table.edges, len(mesh.points))
+    label = _patches(table, given | crease, len(mesh.faces))
+    crease = _without_specks(mesh, crease, given, table, label)
+    feature = given | crease
+    label = _patches(table, feature, len(mesh.faces))
+    return TriMesh(mesh.points, mesh.faces, label, _named(mesh, label), table.edges[feature])
+
+
+def _candidates(mesh, table, angle):
+    """Edges (e,) bool across which raw and averaged normals turn by more than `angle`."""
+    inner, pairs = table.face_pairs()
+    vectors = area_vectors(mesh.points, mesh.faces)
+    area = np.linalg.norm(vectors, axis=1)
+    raw = normalised(vectors)
+    averaged = _averaged_normals(raw, area, pairs)
+    sharp = np.zeros(len(table.edges), dtype=bool)
+    turn = np.minimum(*(angle_between(n[pairs[:, 0]], n[pairs[:, 1]]) for n in (raw, averaged)))
+    solid = (area[pairs] > 0).all(axis=1)
+    sharp[inner] = (turn > angle) & solid
+    return sharp
+
+
+def _averaged_normals(normals, area, pairs):
+    """Normals (m, 3) averaged over each face and its neighbours, by area and likeness."""
+    area = area / max(area.max(initial=0.0), np.finfo(float).tiny)
+    first, second = pairs.T
+    difference = ((normals[first] - normals[second]) ** 2).sum(axis=1)
+    weight = np.exp(-difference / (2.0 * NORMAL_WIDTH**2))
+    total = normals * area[:, None]
+    for k in range(3):
+        for here, there in ((first, second), (second, first)):
+            share = weight * area[there] * normals[there, k]
+            total[:, k] += np.bincount(here, share, minlength=len(normals))
+    return normalised(total)
+
+
+def _connected_nets(crease, given, edges, n_points):
+    """The creases whose net has few loose ends."""
+    chosen = edges[crease]
+    _, net = _components(chosen[:, 0], chosen[:, 1], n_points)
+    loose = _loose_ends(crease, given, edges, n_points)
+    ends = np.bincount(net, loose, minlength=n_points)
+    size = np.bincount(net[chosen[:, 0]], minlength=n_points)
+    kept = crease.copy()
+    kept[crease] = (EDGES_PER_END * ends <= size)[net[chosen[:, 0]]]
+    return kept
+
+
+def _loose_ends(crease, given, edges, n_points):
+    """Vertices (n,) bool where one crease and no given feature edge ends."""
+    degree = np.bincount(edges[crease].ravel(), minlength=n_points)
+    anchored = np.bincount(edges[given].ravel(), minlength=n_points) > 0
+    return (degree == 1) & ~anchored
+
+
+def _without_spurs(crease, given, edges, n_points):
+    """The creases without loose branches of fewer than SPUR_EDGES edges."""
+    trimmed = crease.copy()
+    for _ in range(SPUR_EDGES - 1):
+        loose = _loose_ends(trimmed, given, edges, n_points)
+        trimmed &= ~loose[edges].any(axis=1)
+    # What was cut from the end of a long branch grows back.
+    for _ in range(SPUR_EDGES - 1):
+        loose = _loose_ends(trimmed, given, edges, n_points)
+        trimmed |= crease & loose[edges].any(axis=1)
+    return trimmed
+
+
+def _patches(table, feature, n_faces):
+    """Number (m,) the sets of faces connected across edges that are no features."""
+    inner, pairs = table.face_pairs()
+    pairs = pairs[~feature[inner]]
+    _, label = _components(pairs[:, 0], pairs[:, 1], n_faces)
+    return label
+
+
+def _without_specks(mesh, crease, given, table, label):
+    """The creases without small nets in the middle of a smooth patch."""
+    edges = table.edges
+    touched = crease | given
+    chosen = edges[touched]
+    _, net = _components(chosen[:, 0], chosen[:, 1], len(mesh.points))
+    size = np.bincount(net[chosen[:, 0]], minlength=len(mesh.points))
+    small = np.flatnonzero((size > 0) & (size < SPECK_EDGES))
+    if len(small) == 0:
+        return crease
+    faces_of = np.bincount(label)
+    inner, pairs = table.face_pairs()
+    planar = {}
+    kept = crease.copy()
+    net_of_edge = np.where(touched, net[edges[:, 0]], -1)
+    pair_of_edge = np.full((len(edges), 2), -1)
+    pair_of_edge[inner] = pairs
+    order = np.argsort(net_of_edge, kind="stable")
+    ordered = net_of_edge[order]
+    for number in small:
+        members = order[slice(*np.searchsorted(ordered, [number, number + 1]))]
+        sides = np.unique(label[pair_of_edge[members][pair_of_edge[members] >= 0]])
+        if _is_speck(mesh, label, sides, faces_of, planar):
+            kept[members] = False
+    return kept & crease
+
+
+def _is_speck(mesh, label, sides, faces_of, planar):
+    """Whether the patches `sides` around a small net are one large one and specks in it."""
+    if len(sides) == 0:
+        return False
+    largest = sides[np.argmax(faces_of[sides])]
+    inside = sides[sides != largest]
+    if faces_of[largest] <= SPECK_RATIO * (faces_of[inside].sum() + 1):
+        return False
+    for patch in inside:
+        if patch not in planar:
+            planar[patch] = _plane(mesh, label == patch) is not None
+    return not (len(inside) and all(planar[patch] and faces_of[patch] > 1 for patch in inside))
+
+
+def _named(mesh, label):
+    """A Patch for every label, planar ones with their plane."""
+    order = np.argsort(label, kind="stable")
+    bounds = np.searchsorted(label[order], np.arange(label.max(initial=-1) + 2))
+    return tuple(
+        Patch(f"patch {k}", _plane(mesh, order[bounds[k] : bounds[k + 1]]))
+        for k in range(len(bounds) - 1)
+    )
+
+
+def _plane(mesh, chosen):
+    """The plane on which all vertices of the chosen faces lie, or None."""
+    faces = mesh.faces[chosen]
+    points = mesh.points[np.unique(faces)]
+    normal = normalised(area_vectors(mesh.points, faces).sum(axis=0))
+    flat = np.flatnonzero(np.ptp(points, axis=0) == 0)
+    if len(flat) == 1:
+        axis = flat[0]
+        normal = np.where(np.arange(3) == axis, np.sign(normal), 0.0)
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    extent = np.linalg.norm(np.ptp(points, axis=0))
+    distance = (points - middle) @ normal
+    allowed = min(PLANAR * mesh.diagonal, 1e-3 * extent)
+    if not np.any(normal) or np.ptp(distance) > 2.0 * allowed:
+        return None
+    offset = float(middle @ normal + 0.5 * (distance.min() + distance.max()))
+    return Plane(tuple(float(x) for x in normal), offset)
