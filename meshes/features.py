@@ -9,7 +9,7 @@ everywhere. So an edge counts as a crease only
 2. and if the connected net of candidates it belongs to has at most one loose end for every
    `EDGES_PER_END` edges (an end on an open boundary is not loose),
 3. and if that net is no speck: fewer than `SPECK_EDGES` edges in the middle of a smooth patch,
-   unless it bounds planar patches.
+   unless it bounds planar patches as a box or a prism does.
 
 Loose spurs shorter than `SPUR_EDGES` edges are cut off the rest. A crease that ends inside a patch
 is a feature edge, but separates nothing.
@@ -26,8 +26,9 @@ EDGES_PER_END = 15
 SPECK_EDGES = 20
 SPECK_RATIO = 10  # faces around a speck for every face inside
 SPUR_EDGES = 3
+BOX_PATCHES = 3  # planar patches with at least two faces each that make no speck
 NORMAL_WIDTH = 0.35  # of the difference of unit normals that are averaged
-PLANAR = 1e-6  # of the diagonal: how far vertices of a planar patch may lie off
+PLANAR = 1e-5  # of the diagonal: how far vertices of a planar patch may lie off
 
 
 def find_features(mesh, angle=40.0):
@@ -164,7 +165,8 @@ def _is_speck(mesh, label, sides, faces_of, planar):
     for patch in inside:
         if patch not in planar:
             planar[patch] = _plane(mesh, label == patch) is not None
-    return not (len(inside) and all(planar[patch] and faces_of[patch] > 1 for patch in inside))
+    flat = sum(faces_of[patch] > 1 and planar[patch] for patch in inside)
+    return flat < max(BOX_PATCHES, len(inside))
 
 
 def _named(mesh, label):
