@@ -1,0 +1,60 @@
+"""Slow, obvious twins of the optimiser's kernels and solvers."""
+
+import numpy as np
+from scipy.optimize import brentq, lsq_linear
+
+
+def dense_hessian(qp):
+    """H (n, n) of a step's quadratic programme."""
+    return np.diag(qp.diagonal) + qp.coupling * qp.stiffness.toarray()
+
+
+def box_minimiser(hessian, linear, lower, upper):
+    """Minimise 1/2 x^T H x - q^T x over a box by scipy's bounded least squares (BVLS).
+
+    With H = L L^T that is || L^T x - L^-1 q ||^2.
+    """
+    factor = np.linalg.cholesky(hessian)
+    right = np.linalg.solve(factor, linear)
+    free = upper > lower
+    x = lower.copy()
+    target = right - factor.T[:, ~free] @ lower[~free]
+    fit = lsq_linear(
+        factor.T[:, free], target, (lower[free], upper[free]), method="bvls", tol=1e-15
+    )
+    x[free] = fit.x
+    return x
+
+
+def solve_qp_by_bisection(qp):
+    """Solve a step's quadratic programme by a root search on its volume multiplier."""
+    hessian = dense_hessian(qp)
+
+    def minimiser(kappa):
+        return box_minimiser(hessian, qp.linear - kappa * qp.mass, qp.lower, qp.upper)
+
+    low = np.min((qp.linear - hessian @ qp.upper) / qp.mass)
+    high = np.max((qp.linear - hessian @ qp.lower) / qp.mass)
+    pad = 1e-3 * (high - low) + 1e-300
+    kappa = brentq(
+        lambda k: qp.mass @ minimiser(k) - qp.volume, low - pad, high + pad, xtol=1e-300, rtol=1e-15
+    )
+    return minimiser(kappa), kappa
+
+
+def multiply_rows(indptr, indices, data, coupling, diagonal, rows, x, out):
+    """Twin of the kernel: one entry at a time."""
+    for i in rows:
+        row = range(indptr[i], indptr[i + 1])
+        out[i] = diagonal[i] * x[i] + coupling * sum(data[k] * x[indices[k]] for k in row)
+
+
+def project_by_bisection(linear, diagonal, mass, volume, lower, upper):
+    """Twin of `project_in_metric`: plain bisection on kappa."""
+    low = np.min((linear - diagonal * upper) / mass)
+    high = np.max((linear - diagonal * lower) / mass)
+    for _ in range(2000):
+        kappa = 0.5 * (low + high)
+        x = np.clip((linear - kappa * mass) / diagonal, lower, upper)
+        low, high = (kappa, high) if mass @ x > volume else (low, kappa)
+    return x

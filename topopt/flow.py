@@ -1,0 +1,192 @@
+"""One run's machinery: what is fixed during it (`Flow`) and what a step changes (`LoopState`)."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from meshes.errors import InvalidCase
+from topopt.box_qp import StepQP
+from topopt.elasticity import State
+from topopt.ginzburg_landau import GinzburgLandau
+from topopt.gradient import compliance_gradient, concavity
+from topopt.history import HistoryRow
+from topopt.kkt import KKT, kkt_conditions
+from topopt.parameters import auto_gamma
+from topopt.pdas import solve_step
+from topopt.projection import project_volume
+from topopt.step_control import StepRule, first_rule, sufficient_decrease
+
+MAX_REJECTIONS = 40
+STAGNATION_STEPS = 5
+LEAST_DECREASE = 1e-13  # relative; below, J is only rounding
+FINEST_TOLERANCE = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class LoopState:
+    """All that the next step depends on.
+
+    Parameters
+    ----------
+    phi : (n,) float array
+    state : State
+        The state problem's solution for phi.
+    gradient : (n,) float array [J]
+        Nodal derivatives of J at phi.
+    rule : StepRule
+        Holds tau.
+    kkt : KKT
+    gamma, eps : float
+        As used; a run that is continued keeps them.
+    history : tuple of HistoryRow
+    """
+
+    phi: np.ndarray
+    state: State
+    gradient: np.ndarray
+    rule: StepRule
+    kkt: KKT
+    gamma: float
+    eps: float
+    history: tuple[HistoryRow, ...]
+
+    @property
+    def objective(self):
+        """J [J]."""
+        return self.history[-1].objective_J
+
+
+class Flow:
+    """The flow of one problem on one mesh.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+    model : ElasticModel
+        Or anything with its `solve`, `mesh`, `geometry`, `volumes`, `material` and `gravity`.
+    settings : OptimizationSettings
+    volume_fraction : float
+    eps : float [m]
+    gamma : float or None [J/m^2]
+        None chooses it from the compliance of the start.
+    seconds : float
+        Wall time already spent.
+    """
+
+    def __init__(self, mesh, model, settings, volume_fraction, eps, gamma, seconds=0.0):
+        self.model, self.settings, self.gamma = model, settings, gamma
+        self.volume_fraction = volume_fraction
+        self.energy = GinzburgLandau(mesh, eps, geometry=model.geometry)
+        self.mass = self.energy.mass
+        self.domain_volume = float(self.mass.sum())
+        self.volume = volume_fraction * self.domain_volume if settings.volume_constraint else None
+        self.lower, self.upper = np.zeros(len(self.mass)), np.ones(len(self.mass))
+        self._began = time.perf_counter() - seconds
+
+    @property
+    def pressure(self):
+        """gamma / eps [Pa]: the scale of the interface's driving force."""
+        return self.gamma / self.energy.eps
+
+    def first(self, start=None):
+        """The loop's state before the first step, from nodal values (n,) or phi = m."""
+        phi = np.full(len(self.mass), self.volume_fraction) if start is None else start
+        if self.volume is None:
+            phi = np.clip(phi, self.lower, self.upper)
+        else:
+            phi = project_volume(phi, self.mass, self.volume, self.lower, self.upper)
+        state = self.model.solve(phi, None, self.settings.state_tolerance)
+        if self.gamma is None:
+            whole = (state.compliance, self.volume_fraction, self.domain_volume, self.energy.eps)
+            self.gamma = auto_gamma(*whole)
+        curvature = concavity(self.model, phi, state)
+        rule = first_rule(self.settings, self.pressure, float(np.max(curvature / self.mass)))
+        return self._arrive(phi, state, rule, (), self._tau(rule.metric(self.mass, curvature)))
+
+    def advance(self, loop):
+        """Take one accepted step: the new LoopState, or None if nothing decreases J any more."""
+        rule = loop.rule
+        curvature = concavity(self.model, loop.phi, loop.state)
+        counts = np.zeros(2, int)  # systems of the quadratic programmes, iterations of the states
+        for rejected in range(MAX_REJECTIONS):
+            metric = rule.metric(self.mass, curvature)
+            step = solve_step(self._programme(loop, metric), loop.phi)
+            slope = float(loop.gradient @ (step.x - loop.phi))
+            if rule.monotone and not slope < -LEAST_DECREASE * abs(loop.objective):
+                return None
+            state = self._solve(loop, step.x)
+            counts += step.iterations, state.iterations
+            after = state.compliance + self.gamma * self.energy.energy(step.x)
+            if not rule.monotone or sufficient_decrease(loop.objective, after, slope):
+                effort = (rejected, *counts.tolist())
+                rule = rule.accepted(first_try=rejected == 0)
+                return self._arrive(step.x, state, rule, loop.history, self._tau(metric), effort)
+            rule = rule.rejected()
+        return None
+
+    def outcome(self, loop):
+        """Why the run ends here, or None if it goes on."""
+        settings, history = self.settings, loop.history
+        if len(history) > settings.steps:
+            return "steps"
+        if loop.kkt.residual < settings.tolerance:
+            return "tolerance"
+        if len(history) > STAGNATION_STEPS:
+            before = history[-1 - STAGNATION_STEPS].objective_J
+            if before - loop.objective < settings.stagnation * abs(before):
+                return "stagnation"
+        return None
+
+    def _programme(self, loop, metric):
+        """The quadratic programme of one step from `loop` in the metric D (n,)."""
+        coupling = self.gamma * self.energy.eps
+        implicit = coupling * (self.energy.stiffness @ loop.phi)
+        linear = metric * loop.phi + implicit - loop.gradient
+        bounds = (self.volume, self.lower, self.upper)
+        return StepQP(self.energy.stiffness, coupling, metric, linear, self.mass, *bounds)
+
+    def _solve(self, loop, phi):
+        """Solve the state problem, to a tolerance that follows the gain of the last step."""
+        rows, tolerance = loop.history, self.settings.state_tolerance
+        gain = 1.0
+        if len(rows) > 1:
+            gain = abs(1.0 - rows[-1].objective_J / rows[-2].objective_J)
+            tolerance = min(tolerance, max(1e-2 * np.sqrt(gain), FINEST_TOLERANCE))
+        state = self.model.solve(phi, loop.state.displacement, tolerance)
+        if state.compliance_error > 0.01 * gain * abs(loop.objective):
+            tolerance = max(1e-2 * tolerance, FINEST_TOLERANCE)
+            state = self.model.solve(phi, state.displacement, tolerance)
+        return state
+
+    def _arrive(self, phi, state, rule, history, tau, effort=(0, 0, None)):
+        """The LoopState at phi, its history longer by one row."""
+        gradient = compliance_gradient(self.model, phi, state)
+        gradient += self.gamma * self.energy.gradient(phi)
+        volume = (self.volume, self.pressure, self.lower, self.upper)
+        kkt = kkt_conditions(phi, gradient, self.mass, *volume)
+        interface = self.gamma * self.energy.energy(phi)
+        rejected, systems, iterations = effort
+        row = HistoryRow(
+            iteration=len(history),
+            compliance_J=state.compliance,
+            ginzburg_landau_J=interface,
+            objective_J=state.compliance + interface,
+            volume_fraction=float(self.mass @ phi) / self.domain_volume,
+            tau=tau,
+            rejected=rejected,
+            pdas_iterations=systems,
+            state_iterations=state.iterations if iterations is None else iterations,
+            kkt_residual=kkt.residual,
+            kkt_stationarity=kkt.stationarity,
+            kkt_complementarity=kkt.complementarity,
+            kkt_sign=kkt.sign,
+            volume_error=kkt.volume_error,
+            seconds=time.perf_counter() - self._began,
+        )
+        parameters = (self.gamma, self.energy.eps)
+        return LoopState(phi, state, gradient, rule, kkt, *parameters, (*history, row))
+
+    def _tau(self, metric):
+        """The step size of a metric: exactly tau for M / tau, its mean otherwise."""
+        return self.domain_volume / float(metric.sum())

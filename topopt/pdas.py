@@ -1,0 +1,87 @@
+"""Primal-dual active set strategy for one step of the flow.
+
+The semi-implicit step (2.19) is a strictly convex quadratic programme (`topopt.box_qp.StepQP`).
+The strategy guesses which nodes sit at 0 and 1, solves a linear system on the rest, and moves
+nodes between the sets by the sign of their multipliers until nothing moves any more. It can
+cycle, and it can run out of inactive nodes; then the globalised solver takes over.
+"""
+
+from hashlib import blake2b
+
+import numpy as np
+
+from topopt.box_qp import StepSolution, sets_of, solve_box, solve_equality, solve_globalised
+from topopt.projection import project_in_metric
+
+MAX_ITERATIONS = 30
+
+
+def solve_step(qp, start):
+    """Solve a step's quadratic programme.
+
+    Parameters
+    ----------
+    qp : StepQP
+    start : (n,) float array
+        The field before the step, within the bounds.
+
+    Returns
+    -------
+    StepSolution
+
+    Raises
+    ------
+    InvalidCase
+        If the bounds do not allow the volume.
+    NotConverged
+        If the programme cannot be solved (numbers that are not finite).
+
+    Notes
+    -----
+    Thesis section 2.2.5.2; the sets start from the step's solution without the off-diagonal part
+    of H, which already meets the volume.
+    """
+    if qp.volume is None:
+        return solve_box(qp, start)
+    guess, kappa = first_guess(qp, start)
+    solution = active_set_iteration(qp, sets_of(qp, guess), guess, kappa)
+    return solve_globalised(qp, guess, kappa) if solution is None else solution
+
+
+def first_guess(qp, start):
+    """Solve the step with gamma eps A phi taken at the start: (x, kappa) in the metric D."""
+    linear = qp.linear - qp.coupling * (qp.stiffness @ start)
+    return project_in_metric(linear, qp.diagonal, qp.mass, qp.volume, qp.lower, qp.upper)
+
+
+def active_set_iteration(qp, sets, x, kappa):
+    """Run the plain strategy from the given sets.
+
+    Returns
+    -------
+    StepSolution or None
+        None if the sets repeat without standing still, or no node is inactive.
+    """
+    seen, direction = set(), None
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        if not np.any(sets == 0):
+            return None
+        x, kappa, direction = solve_equality(qp, sets, x, kappa, direction)
+        mu = np.where(sets != 0, qp.multiplier(x, kappa) / qp.mass, 0.0)
+        updated = update_sets(qp, x, mu)
+        if np.array_equal(updated, sets):
+            return StepSolution(x, kappa, mu, sets, iteration, False)
+        digest = blake2b(updated.tobytes(), digest_size=16).digest()
+        if digest in seen:
+            return None
+        seen.add(digest)
+        sets = updated
+    return None
+
+
+def update_sets(qp, x, mu):
+    """The sets (n,) of (2.20) with c = D / m (1 / tau for the plain flow)."""
+    c = qp.diagonal / qp.mass
+    sets = (c * (x - qp.upper) + mu > 0).astype(np.int8) - (c * (x - qp.lower) + mu < 0)
+    sets[~qp.movable] = -1
+    return sets
