@@ -52,9 +52,9 @@ def in_chunks(work, count, least=4096):
     `work` must release the GIL and write only to its own range; then the result does not depend
     on the number of threads. Returns the results in order.
     """
-    threads = max(1, min(numba.get_num_threads(), count // least))
-    bounds = [count * k // threads for k in range(threads + 1)]
+    threads = min(numba.get_num_threads(), count // least) if count >= 2 * least else 1
     if threads == 1:
         return [work(0, count)]
+    bounds = [count * k // threads for k in range(threads + 1)]
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(work, bounds[:-1], bounds[1:]))

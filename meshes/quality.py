@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from meshes.self_intersection import self_intersecting_faces
 from meshes.topology import corner_groups, edge_table, feature_mask, topology
 
 DEGENERATE_AREA = 1e-14  # of the squared bounding-box diagonal
@@ -213,6 +214,7 @@ def surface_quality(mesh, sigma=None, normals=None, intersections=True):
     six = None
     if sigma is not None and len(mesh.faces):
         six = float(np.degrees(min_angles_6d(mesh, sigma, normals)).mean())
+    crossing = self_intersecting_faces(mesh.points, mesh.faces) if intersections else None
     some = len(mesh.faces) > 0
     return SurfaceQuality(
         vertices=found.vertices,
@@ -220,7 +222,7 @@ def surface_quality(mesh, sigma=None, normals=None, intersections=True):
         watertight=found.watertight,
         nonmanifold_edges=found.nonmanifold_edges,
         nonmanifold_vertices=found.nonmanifold_vertices,
-        self_intersecting_faces=_count_intersections(mesh) if intersections else None,
+        self_intersecting_faces=int(crossing.sum()) if intersections else None,
         degenerate_faces=int(degenerate_faces(mesh).sum()),
         euler=found.euler,
         components=found.components,
@@ -233,11 +235,6 @@ def surface_quality(mesh, sigma=None, normals=None, intersections=True):
         edge_ratio=float(lengths.max() / shortest) if some and shortest > 0 else float("inf"),
         min_angle_6d_mean=six,
     )
-
-
-def _count_intersections(mesh):
-    """Number of self-intersecting faces."""
-    return None
 
 
 def dihedral_angles(points, tets):

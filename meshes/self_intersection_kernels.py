@@ -1,0 +1,204 @@
+"""Kernels that decide exactly whether two triangles meet. Slow twin: tests.meshes.reference.
+
+Triangles are closed sets: touching is meeting. `faces` (m, 3) name the corners, `axes` (m,) an axis
+along which the triangle's projection keeps an area, -1 for triangles without area.
+"""
+
+from numba import njit
+
+from meshes.predicates import line_side, plane_side
+
+kernel = njit(cache=True, nogil=True, error_model="numpy")
+STACK = 64
+
+
+@kernel
+def find_axes(points, faces, axes):
+    """Fill axes (m,): see above; the first axis of the three if several will do exactly."""
+    for f in range(faces.shape[0]):
+        axes[f] = -1
+        largest = -1.0
+        for axis in range(3):
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+            area = abs(
+                (points[a, i] - points[c, i]) * (points[b, j] - points[c, j])
+                - (points[b, i] - points[c, i]) * (points[a, j] - points[c, j])
+            )
+            if area > largest and line_side(points, a, b, c, axis) != 0:
+                axes[f], largest = axis, area
+
+
+@kernel
+def intervals_meet(points, p, q, a, b, axis):
+    """Whether segments pq and ab on one line of the projection overlap."""
+    for k in range(3):
+        if k != axis and (
+            max(points[p, k], points[q, k]) < min(points[a, k], points[b, k])
+            or max(points[a, k], points[b, k]) < min(points[p, k], points[q, k])
+        ):
+            return False
+    return True
+
+
+@kernel
+def segments_meet(points, p, q, a, b, axis):
+    """Whether segments pq and ab meet in the projection along an axis."""
+    ap, aq = line_side(points, a, b, p, axis), line_side(points, a, b, q, axis)
+    if ap * aq > 0:
+        return False
+    pa, pb = line_side(points, p, q, a, axis), line_side(points, p, q, b, axis)
+    if pa * pb > 0:
+        return False
+    if ap == 0 and aq == 0:
+        return intervals_meet(points, p, q, a, b, axis)
+    return True
+
+
+@kernel
+def flat_segment_meets(points, p, q, a, b, c, axis):
+    """Whether segment pq meets triangle abc, all in one plane."""
+    ab, bc = line_side(points, a, b, p, axis), line_side(points, b, c, p, axis)
+    ca = line_side(points, c, a, p, axis)
+    if not (min(ab, bc, ca) < 0 and max(ab, bc, ca) > 0):
+        return True
+    return (
+        segments_meet(points, p, q, a, b, axis)
+        or segments_meet(points, p, q, b, c, axis)
+        or segments_meet(points, p, q, c, a, axis)
+    )
+
+
+@kernel
+def segment_meets(points, p, q, side_p, side_q, face, axis):
+    """Whether segment pq, whose ends lie on the given sides of the face's plane, meets the face."""
+    if side_p * side_q > 0:
+        return False
+    a, b, c = face[0], face[1], face[2]
+    if side_p == 0 and side_q == 0:
+        return flat_segment_meets(points, p, q, a, b, c, axis)
+    ab = plane_side(points, p, q, a, b)
+    bc = plane_side(points, p, q, b, c)
+    if ab * bc < 0:
+        return False
+    ca = plane_side(points, p, q, c, a)
+    return not (min(ab, bc, ca) < 0 and max(ab, bc, ca) > 0)
+
+
+@kernel
+def apart_faces_meet(points, s, t, axis_s, axis_t):
+    """Whether two faces without common vertex meet."""
+    t0 = plane_side(points, s[0], s[1], s[2], t[0])
+    t1 = plane_side(points, s[0], s[1], s[2], t[1])
+    t2 = plane_side(points, s[0], s[1], s[2], t[2])
+    if min(t0, t1, t2) > 0 or max(t0, t1, t2) < 0:
+        return False
+    s0 = plane_side(points, t[0], t[1], t[2], s[0])
+    s1 = plane_side(points, t[0], t[1], t[2], s[1])
+    s2 = plane_side(points, t[0], t[1], t[2], s[2])
+    if min(s0, s1, s2) > 0 or max(s0, s1, s2) < 0:
+        return False
+    return (
+        segment_meets(points, t[0], t[1], t0, t1, s, axis_s)
+        or segment_meets(points, t[1], t[2], t1, t2, s, axis_s)
+        or segment_meets(points, t[2], t[0], t2, t0, s, axis_s)
+        or segment_meets(points, s[0], s[1], s0, s1, t, axis_t)
+        or segment_meets(points, s[1], s[2], s1, s2, t, axis_t)
+        or segment_meets(points, s[2], s[0], s2, s0, t, axis_t)
+    )
+
+
+@kernel
+def tips_meet(points, s, t, i, j, axis_s, axis_t):
+    """Whether faces with the common vertex s[i] = t[j] alone meet elsewhere too.
+
+    A ray from the common vertex within both faces leaves one of them through the edge opposite.
+    """
+    a, b = s[(i + 1) % 3], s[(i + 2) % 3]
+    c, d = t[(j + 1) % 3], t[(j + 2) % 3]
+    side_c = plane_side(points, s[0], s[1], s[2], c)
+    side_d = plane_side(points, s[0], s[1], s[2], d)
+    if side_c * side_d > 0:
+        return False
+    if segment_meets(points, c, d, side_c, side_d, s, axis_s):
+        return True
+    side_a = plane_side(points, t[0], t[1], t[2], a)
+    side_b = plane_side(points, t[0], t[1], t[2], b)
+    return segment_meets(points, a, b, side_a, side_b, t, axis_t)
+
+
+@kernel
+def wings_meet(points, s, t, common, axis):
+    """Whether faces with a common edge meet elsewhere too: folded over in one plane.
+
+    Bit i of `common` says that corner i of s belongs to t.
+    """
+    i = 0 if common == 6 else (1 if common == 5 else 2)
+    tip, a, b = s[i], s[(i + 1) % 3], s[(i + 2) % 3]
+    other = t[0]
+    for k in range(1, 3):
+        if t[k] != a and t[k] != b:
+            other = t[k]
+    if plane_side(points, s[0], s[1], s[2], other) != 0:
+        return False
+    return line_side(points, a, b, tip, axis) == line_side(points, a, b, other, axis)
+
+
+@kernel
+def faces_meet(points, faces, axes, f, g):
+    """Whether faces f and g meet elsewhere than in common vertices or a common edge."""
+    s, t = faces[f], faces[g]
+    common, count, i, j = 0, 0, 0, 0
+    for k in range(3):
+        for l in range(3):
+            if s[k] == t[l]:
+                common |= 1 << k
+                count += 1
+                i, j = k, l
+    if count == 0:
+        return apart_faces_meet(points, s, t, axes[f], axes[g])
+    if count == 1:
+        return tips_meet(points, s, t, i, j, axes[f], axes[g])
+    if count == 2:
+        return wings_meet(points, s, t, common, axes[f])
+    return True
+
+
+@kernel
+def boxes_meet(boxes, i, others, j):
+    """Whether two closed boxes meet."""
+    for k in range(3):
+        if boxes[i, k] > others[j, k + 3] or others[j, k] > boxes[i, k + 3]:
+            return False
+    return True
+
+
+@kernel
+def mark_meeting(points, faces, axes, face_boxes, tree, first, last, nodes, marked):
+    """Mark (m,) the faces that meet another, for pairs of places i < j with first <= i < last.
+
+    Faces are in the order of the tree's leaves; tree = (boxes, begin, end, leaves).
+    """
+    boxes, begin, end, leaves = tree
+    for i in range(first, last):
+        if axes[i] < 0:
+            continue
+        nodes[0], depth = 0, 1
+        while depth:
+            depth -= 1
+            node = nodes[depth]
+            if end[node] <= i + 1 or not boxes_meet(face_boxes, i, boxes, node):
+                continue
+            if node < leaves - 1:
+                nodes[depth], nodes[depth + 1] = 2 * node + 2, 2 * node + 1
+                depth += 2
+                continue
+            for j in range(max(begin[node], i + 1), end[node]):
+                if (
+                    axes[j] >= 0
+                    and not (marked[i] and marked[j])
+                    and boxes_meet(face_boxes, i, face_boxes, j)
+                    and faces_meet(points, faces, axes, i, j)
+                ):
+                    marked[i] = True
+                    marked[j] = True
