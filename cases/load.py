@@ -186,7 +186,7 @@ def _sentence(base, error):
     """One validation error as `where: key: what is allowed, got ...`."""
     path, value = error["loc"], error["input"]
     dotted = ".".join(map(str, path))
-    where = base.origin(path)
+    where = _origin(base, path)
     lead = f"{where}: {dotted}: " if dotted else f"{where}: the case "
     kind = error["type"]
     if kind == "missing":
@@ -196,6 +196,13 @@ def _sentence(base, error):
     context = error.get("ctx", {})
     remark = f" ({context['remark']})" if context.get("remark") else ""
     return lead + _allowed(kind, context, error) + _got(value) + remark
+
+
+def _origin(base, path):
+    """The place to name; where a --set reached into the refused value, that argument."""
+    inside = [p for p in base.origins if p[: len(path)] == path and len(p) > len(path)]
+    settings = [base.origins[p] for p in inside if base.origins[p].startswith("--set ")]
+    return settings[-1] if settings else base.origin(path)
 
 
 def _allowed(kind, context, error):

@@ -2,9 +2,7 @@
 
 from pathlib import Path
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
+from cases.resolved import read_case
 from meshes.errors import InvalidCase
 
 STAGES = ("mesh", "topopt", "isosurface", "smooth", "remesh")
@@ -22,11 +20,11 @@ _RUN_FILES = ("manifest.json", "run.log")
 
 # The sections of the case on which the files of a stage depend, besides the earlier stages'.
 _SECTIONS = {
-    "mesh": ("name", "seed", "domain", "symmetry", "supports", "loads", "mesh"),
+    "mesh": ("name", "domain", "symmetry", "supports", "loads", "mesh"),
     "topopt": ("material", "gravity", "topopt"),
     "isosurface": ("isosurface",),
     "smooth": ("smooth",),
-    "remesh": ("rbf", "remesh"),
+    "remesh": ("seed", "rbf", "remesh"),
 }
 
 
@@ -96,10 +94,7 @@ class RunFolder:
 
     def stored_case(self):
         """The resolved case that the folder's files were made by, or None."""
-        try:
-            return YAML(typ="safe", pure=True).load(self.path / "case.yaml")
-        except (OSError, YAMLError, ValueError):
-            return None
+        return read_case(self.path / "case.yaml")
 
     def _check_reusable(self, case, first_stage):
         stored = self.stored_case()

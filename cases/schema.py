@@ -111,7 +111,7 @@ class MeshSection(Section):
     kind: Literal["pytetwild", "bcc"] = Field(
         "pytetwild", description="bcc: a structured mesh, for boxes only"
     )
-    tets: fields.whole(at_least=20, nullable=True) = Field(
+    tets: fields.whole(at_least=20, at_most=10**8, nullable=True) = Field(
         None, description="number of tetrahedra aimed at"
     )
     edge_length: fields.length(above=0.0, nullable=True) = Field(
@@ -134,11 +134,13 @@ class TopoptSection(Section):
     eps: fields.length(above=0.0, words=("auto",)) = Field(
         "auto", description="interface parameter [m]; the interface is 2.2 eps wide"
     )
-    steps: fields.whole(at_least=1) = Field(60, description="accepted steps at most")
-    step: Literal["controlled", "fixed"] = Field(
+    steps: fields.whole(at_least=0, at_most=10**6) = Field(
+        200, description="accepted steps at most"
+    )
+    step: Literal["controlled", "variable_metric", "fixed"] = Field(
         "controlled", description="fixed: every step with the first tau, as the thesis ran it"
     )
-    tau: PositiveOrAuto = Field("auto", description="(first) step size of the flow [m^2/J]")
+    tau: PositiveOrAuto = Field("auto", description="(first) step size of the flow [1/Pa]")
     tolerance: NotNegative = Field(
         1e-3, description="stop when the KKT residual is below this; 0 never stops by it"
     )
@@ -148,12 +150,17 @@ class TopoptSection(Section):
     solver: Literal["auto", "multigrid", "pyamg", "direct"] = Field(
         "auto", description="linear solver of the state problem"
     )
+    state_tolerance: fields.number(above=0.0, at_most=0.1) = Field(
+        1e-4, description="loosest relative residual of a state solve"
+    )
 
 
 class IsosurfaceSection(Section):
     """The surface extracted from the phase field."""
 
-    level: fields.number(above=0.0, below=1.0) = Field(0.5, description="phi on the surface")
+    level: fields.number(above=0.0, below=1.0, words=("volume",)) = Field(
+        0.5, description="phi on the surface; volume: the level that encloses volume_fraction"
+    )
     islands: Literal["drop", "keep"] = Field(
         "drop", description="what becomes of pieces that touch no load or no support"
     )
@@ -168,7 +175,11 @@ class SmoothSection(Section):
     iterations: fields.whole(at_least=0, at_most=10000, words=("auto",)) = Field(
         "auto", description="pairs of steps"
     )
-    restore_volume: bool = Field(True, description="give back the volume by a normal offset")
+    volume: Literal["isosurface", "fraction", "free"] = Field(
+        "isosurface",
+        description="set the volume by a normal offset: to the isosurface's, or to "
+        "volume_fraction of the domain; free lets it drift",
+    )
     repair: bool = Field(True, description="collapse and flip slivers before the interpolation")
 
 
@@ -196,7 +207,7 @@ class RbfSection(Section):
 class RemeshSection(Section):
     """The curvature-adapted final surface."""
 
-    vertices: fields.whole(at_least=4, words=("input",), nullable=True) = Field(
+    vertices: fields.whole(at_least=4, at_most=10**9, words=("input",), nullable=True) = Field(
         None, description="number of vertices aimed at; input: as many as the smoothed surface"
     )
     edge_length: fields.length(above=0.0, nullable=True) = Field(

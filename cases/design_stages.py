@@ -1,0 +1,219 @@
+"""The stages that make the design: the tetrahedral mesh and the optimisation on it.
+
+Every stage has `run` (make the product and write its files; returns what to tell) and `load`
+(read them again for --from).
+"""
+
+import logging
+
+import numpy as np
+
+from cases.history import HistoryFile
+from cases.series import FieldSeries, snapshot_steps
+from cases.stage_files import load_design, mesh_hash, save_design
+from meshes import InvalidCase
+from meshes.io import load_tet_mesh, save_tet_mesh
+from meshes.structured import bcc_box
+from topopt.boundary import attach_sets, boundary_conditions, check_rigid_motions
+from topopt.domain import mesh_domain
+from topopt.elasticity import ElasticModel, von_mises
+from topopt.geometry import tet_geometry
+from topopt.interpolation import stiffness_factor
+from topopt.optimize import OptimizationSettings, optimize
+from topopt.parameters import measured_interface
+
+LOG = logging.getLogger("phasemesh")
+
+
+class MeshStage:
+    """The design domain in tetrahedra, with its load and support sets."""
+
+    def run(self, run):
+        section = run.case.mesh
+        if section.kind == "bcc":
+            mesh = structured_mesh(run.problem.domain, section.edge_length, section.tets)
+        else:
+            mesh = mesh_domain(
+                run.problem,
+                edge_length=section.edge_length,
+                tets=section.tets,
+                cache="auto" if section.cache else None,
+                log=LOG.info,
+            )
+        run.mesh = attach_sets(mesh, run.problem)
+        save_tet_mesh(run.folder / "mesh.npz", run.mesh)
+        return self._tell(run)
+
+    def load(self, run):
+        run.mesh = load_tet_mesh(run.folder / "mesh.npz")
+        self._tell(run)
+
+    def _tell(self, run):
+        nodes, tets = len(run.mesh.points), len(run.mesh.tets)
+        run.figures["mesh"] = {
+            "hash": mesh_hash(run.mesh),
+            "nodes": nodes,
+            "tets": tets,
+            "kind": run.case.mesh.kind,
+        }
+        return f"{tets:,} tetrahedra, {nodes:,} nodes"
+
+
+def structured_mesh(domain, edge_length=None, tets=None):
+    """A body-centred cubic mesh of a box by edge length [m] of its cells, or by count."""
+    size = np.subtract(domain.upper, domain.lower)
+    if edge_length is None:
+        edge_length = (12.0 * size.prod() / tets) ** (1.0 / 3.0)
+    cells = np.maximum(1, np.round(size / edge_length)).astype(int)
+    if cells.prod() > 10**8:
+        raise InvalidCase(
+            f"mesh.edge_length: {edge_length:g} m makes {12 * cells.prod():.2g} tets; use a longer one"
+        )
+    return bcc_box(domain.lower, domain.upper, cells)
+
+
+class RecordingModel(ElasticModel):
+    """An ElasticModel that keeps its last solution, for the snapshots of the fields."""
+
+    last = None
+
+    def solve(self, phi, start=None, tolerance=1e-6):
+        state = super().solve(phi, start, tolerance)
+        self.last = (phi, state)
+        return state
+
+
+class TopoptStage:
+    """The optimised phase field."""
+
+    def run(self, run):
+        section = run.case.topopt
+        settings = OptimizationSettings(
+            steps=section.steps,
+            step=section.step,
+            tau=None if section.tau == "auto" else section.tau,
+            tolerance=section.tolerance,
+            stagnation=section.stagnation,
+            solver=section.solver,
+            state_tolerance=section.state_tolerance,
+        )
+        conditions = boundary_conditions(run.mesh, run.problem, log=LOG.warning)
+        check_rigid_motions(run.mesh, run.problem, conditions.fixed)
+        model = RecordingModel(run.mesh, run.problem, conditions, section.solver)
+        series = FieldSeries(run.folder / "fields", run.mesh)
+        with HistoryFile(run.folder / "history.csv") as history:
+            watch = _Watch(run, model, series, history)
+            result = optimize(run.mesh, run.problem, settings, callback=watch, model=model)
+        self._keep(run, result, model, conditions, series)
+        if result.outcome == "interrupted":
+            raise KeyboardInterrupt
+        row = result.history[-1]
+        return (
+            f"J = {row.objective_J:.4g} J after {row.iteration} steps ({result.outcome}), "
+            f"KKT residual {row.kkt_residual:.2g}"
+        )
+
+    def _keep(self, run, result, model, conditions, series):
+        """Take over the result, and write it."""
+        phi, state = result.phase_field.values, result.state
+        stress = von_mises(model, state, phi)
+        run.design = result.phase_field
+        run.fields = {
+            "displacement": state.displacement,
+            "energy_density": state.energy_density,
+            "von_mises": stress,
+        }
+        run.figures["topopt"] = _design_figures(run, result, model, conditions, stress)
+        save_design(
+            run.folder / "phase_field.npz", run.design, run.fields, run.figures["topopt"]
+        )
+        energy = stiffness_factor(phi, run.mesh.tets, run.problem.material.void_ratio)
+        energy = energy * state.energy_density
+        series.write(
+            result.history[-1].iteration,
+            phi,
+            state.displacement,
+            energy,
+            {"von_mises_Pa": stress},
+        )
+
+    def load(self, run):
+        run.design, run.fields, run.figures["topopt"] = load_design(
+            run.folder / "phase_field.npz", run.mesh
+        )
+        if run.figures["topopt"]["outcome"] == "interrupted":
+            LOG.warning(
+                "the optimisation was interrupted after %d steps; its last design is used",
+                run.figures["topopt"]["steps"],
+            )
+
+
+class _Watch:
+    """The optimiser's callback: history, snapshots and progress."""
+
+    def __init__(self, run, model, series, history):
+        self._run, self._model, self._series, self._history = run, model, series, history
+        self._steps = run.case.topopt.steps
+        self._snapshots = snapshot_steps(run.case.output.snapshots, self._steps)
+
+    def __call__(self, row, field):
+        self._run.reporter.update(
+            f"J = {row.objective_J:.5g} J, KKT {row.kkt_residual:.2g}, tau {row.tau:.2g}",
+            row.iteration,
+            self._steps,
+        )
+        if row.iteration > 0:
+            self._history.append(row)
+        LOG.info(
+            "step %d: J %.6g, F %.6g, tau %.3g, rejected %d, KKT %.3g, state iterations %d",
+            *(row.iteration, row.objective_J, row.compliance_J, row.tau),
+            *(row.rejected, row.kkt_residual, row.state_iterations),
+        )
+        if row.iteration in self._snapshots and self._model.last is not None:
+            phi, state = self._model.last
+            if np.array_equal(phi, field.values):
+                factor = stiffness_factor(
+                    phi, self._run.mesh.tets, self._run.problem.material.void_ratio
+                )
+                self._series.write(
+                    row.iteration, phi, state.displacement, factor * state.energy_density
+                )
+
+
+def _design_figures(run, result, model, conditions, stress):
+    """The numbers of a design that summary and manifest tell."""
+    phi, mesh = result.phase_field.values, run.mesh
+    geometry = tet_geometry(mesh)
+    width, elements = measured_interface(mesh, geometry, phi)
+    domain = float(geometry.volumes.sum())
+    solid = phi[mesh.tets].mean(axis=1) >= 0.5
+    row, start = result.history[-1], result.history[0]
+    return {
+        "outcome": result.outcome,
+        "steps": row.iteration,
+        "gamma": result.gamma,
+        "eps_m": result.eps,
+        "solver": result.state.solver,
+        "objective_start_J": start.objective_J,
+        "objective_J": row.objective_J,
+        "compliance_J": row.compliance_J,
+        "ginzburg_landau_J": row.ginzburg_landau_J,
+        "volume_fraction": row.volume_fraction,
+        "kkt": result.kkt.as_dict(),
+        "domain_volume_m3": domain,
+        "material_volume_m3": float(geometry.lumped_mass @ phi),
+        "load_displacement_m": load_displacements(conditions, result.state.displacement),
+        "largest_displacement_m": float(np.linalg.norm(result.state.displacement, axis=1).max()),
+        "largest_von_mises_Pa": float(stress[solid].max()) if solid.any() else 0.0,
+        "interface_m": width,
+        "elements_across_interface": elements,
+    }
+
+
+def load_displacements(conditions, displacement):
+    """For every load the displacement [m] in its own direction, weighted by its force."""
+    found = {}
+    for name, force in conditions.load_forces.items():
+        total = float(np.linalg.norm(force.sum(axis=0)))
+        found[name] = float(np.vdot(force, displacement)) / total if total > 0 else 0.0
+    return found

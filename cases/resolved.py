@@ -1,0 +1,36 @@
+"""The resolved case: every value that was used, in a file that runs the same case again."""
+
+import io
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from meshes.io import write_atomically
+
+
+def resolved_case(loaded):
+    """A LoadedCase as nested dicts and lists; the surface's path is absolute."""
+    tree = loaded.case.model_dump(mode="json")
+    if tree["domain"]["surface"] is not None:
+        tree["domain"]["surface"] = str((loaded.folder / tree["domain"]["surface"]).resolve())
+    return tree
+
+
+def write_case(path, tree, source, preset):
+    """Write a resolved case as YAML."""
+    yaml = YAML(pure=True)
+    yaml.default_flow_style = None
+    yaml.width = 100
+    text = io.StringIO()
+    laid = f", preset {preset}" if preset else ""
+    text.write(f"# Every value of the run, resolved from {source}{laid}. SI units.\n")
+    yaml.dump(tree, text)
+    write_atomically(path, text.getvalue())
+
+
+def read_case(path):
+    """The tree that `write_case` wrote, or None if there is none that can be read."""
+    try:
+        return YAML(typ="safe", pure=True).load(path)
+    except (OSError, YAMLError, ValueError):
+        return None

@@ -1,0 +1,47 @@
+"""fields/: snapshots of the phase field for ParaView, as one series."""
+
+from pathlib import Path
+
+import numpy as np
+
+from meshes.io import write_series, write_tets
+
+
+class FieldSeries:
+    """Writes fields/step_*.vtu and fields/design.pvd; a kill leaves a series that opens.
+
+    Parameters
+    ----------
+    folder : Path
+    mesh : TetMesh
+    """
+
+    def __init__(self, folder, mesh):
+        self._folder = Path(folder)
+        self._mesh = mesh
+        self._files, self._times = [], []
+
+    def write(self, step, phi, displacement, energy_density, more_cell_data=None):
+        """Add the fields of a step: phi (n,), displacement (n, 3) [m], energy density (m,)."""
+        path = self._folder / f"step_{step:04d}.vtu"
+        if path in self._files:
+            self._times.pop(self._files.index(path))
+            self._files.remove(path)
+        cells = {"energy_density_J_per_m3": energy_density, **(more_cell_data or {})}
+        points = {"phi": phi, "displacement_m": displacement}
+        write_tets(path, self._mesh, points, cells)
+        self._files.append(path)
+        self._times.append(step)
+        write_series(self._folder / "design.pvd", self._files, self._times)
+
+
+def snapshot_steps(count, steps):
+    """The steps, at most `count`, at which a run of `steps` steps writes its field.
+
+    They lie close together at first, where most happens: a geometric series that ends before
+    the last step.
+    """
+    if count == 0 or steps < 1:
+        return frozenset()
+    exponents = np.arange(count) / count
+    return frozenset(int(round(steps**exponent)) for exponent in exponents) - {steps}
