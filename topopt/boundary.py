@@ -95,9 +95,8 @@ def check_rigid_motions(mesh, problem, fixed):
     count, component = mesh_components(mesh)
     for k in range(count):
         here = component == k
-        _check_held(
-            mesh.points[here], fixed[here], problem, f"part {k + 1} of {count}: " * (count > 1)
-        )
+        where = f"part {k + 1} of {count} of the domain: " if count > 1 else ""
+        _check_held(mesh.points[here], fixed[here], problem, where)
 
 
 def check_problem(problem):

@@ -1,0 +1,177 @@
+"""Tetrahedral meshes of a design domain: a box, or the inside of any closed surface.
+
+`kind="pytetwild"` meshes any domain without structure; its result differs from run to run and is
+therefore kept on disk. `kind="bcc"` is a lattice, for boxes only: at once, and always the same.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from meshes.errors import InvalidCase
+from meshes.patch import Patch
+from meshes.quality import area_vectors, signed_volume
+from meshes.structured import bcc_box, box_patches
+from meshes.tet_mesh import TetMesh
+from topopt.boundary import attach_sets
+from topopt.geometry import morton_order
+from topopt.meshing_cache import cache_key, cached, default_cache, mesh_hash
+from topopt.meshing_count import Size, mesh_by_count
+from topopt.meshing_frame import frame_of, in_frame
+from topopt.meshing_tetwild import EPSILON, mesh_frame, on_axis_planes, pytetwild_version
+
+__all__ = ["attach_sets", "default_cache", "mesh_domain", "mesh_hash"]
+
+MESHING_VERSION = 1  # part of the cache's key: raise it when the meshing gives other meshes
+MOST_TETS = 50_000_000
+BCC_EDGE = 0.923  # mean edge of a body-centred cubic mesh, in units of its cells
+
+
+def mesh_domain(problem, edge_length=None, tets=None, kind="pytetwild", cache=None, log=None):
+    """Mesh the domain of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        Only its domain counts; `attach_sets` adds loads, supports and symmetry.
+    edge_length : float [m], optional
+    tets : int, optional
+        Number of tets aimed at; give this or `edge_length`.
+    kind : str
+        "pytetwild" or "bcc" (boxes only; the count is as near as the lattice allows).
+    cache : path-like or False, optional
+        Folder in which pytetwild's meshes are kept; `default_cache()` if not given, none if False.
+    log : callable taking a str, optional
+        Told what happens.
+
+    Returns
+    -------
+    TetMesh
+        With a patch for each face of a box ("x-" ... "z+"), each large flat part of a surface
+        ("plane1" ...) and its curved rest ("surface" ...); without named sets.
+
+    Raises
+    ------
+    InvalidCase
+        Arguments that make no sense, or a surface that bounds no solid.
+    NotConverged
+        If no valid mesh, or none within 5 % of the count, was found.
+    """
+    log = log or (lambda message: None)
+    _check_arguments(edge_length, tets, kind)
+    frame = frame_of(problem.domain)
+    length = None if edge_length is None else in_frame(edge_length, frame)
+    size = Size(signed_volume(frame.surface), _area(frame))
+    _check_count(size, length, tets)
+    if kind == "bcc":
+        return _bcc_mesh(frame, length, tets, log)
+
+    def make():
+        if tets is None:
+            return _mesh_at(frame, length, log)
+        return mesh_by_count(lambda h: _mesh_at(frame, h, log), size, tets, log)
+
+    settings = [MESHING_VERSION, pytetwild_version(), EPSILON, length, tets, frame.exact]
+    folder = None if cache is False else cache or default_cache()
+    mesh = cached(folder, cache_key(settings, frame.points, frame.faces), make, log)
+    return _in_metres(mesh, frame)
+
+
+def _check_arguments(edge_length, tets, kind):
+    """Raise InvalidCase for arguments that make no sense."""
+    if (edge_length is None) == (tets is None):
+        raise InvalidCase("a mesh needs either an edge length or a number of tets, not both.")
+    wanted = edge_length if tets is None else tets
+    if not (math.isfinite(wanted) and wanted > 0):
+        name = "edge length" if tets is None else "number of tets"
+        raise InvalidCase(f"the {name} of the mesh must be positive, got {wanted}.")
+    if kind not in ("pytetwild", "bcc"):
+        raise InvalidCase(f"there is no mesh of kind {kind!r}; choose 'pytetwild' or 'bcc'.")
+
+
+def _check_count(size, length, tets):
+    """Raise InvalidCase if a mesh would have more tets than anybody can use."""
+    expected = size.count(length) if tets is None else tets
+    if expected > MOST_TETS:
+        raise InvalidCase(
+            f"the mesh would have about {expected:.2g} tets, and {MOST_TETS:,} are the limit; "
+            f"raise the edge length (it is in metres) or lower the count."
+        )
+
+
+def _area(frame):
+    return float(np.linalg.norm(area_vectors(frame.points, frame.faces), axis=1).sum())
+
+
+def _mesh_at(frame, length, log):
+    """Mesh at one edge length of the frame, and tell what came out."""
+    mesh = mesh_frame(frame, length, log)
+    log(f"edge length {length * frame.scale:.4g} m gives {len(mesh.tets):,} tets")
+    return mesh
+
+
+def _in_metres(mesh, frame):
+    """A mesh of the frame as one of the domain itself, its planes exact."""
+    patches = tuple(
+        Patch(p.name, None if p.plane is None else frame.plane_in_metres(p.plane))
+        for p in mesh.patches
+    )
+    points = frame.to_metres(mesh.points)
+    for k, patch in enumerate(patches):
+        nodes = np.unique(mesh.facets[mesh.facet_patch == k])
+        if patch.plane is not None and len(nodes):
+            normals = np.broadcast_to(patch.plane.normal, (len(nodes), 3))
+            on_axis_planes(points, nodes, normals, np.full(len(nodes), patch.plane.offset))
+    return replace(mesh, points=points, patches=patches)
+
+
+def _bcc_mesh(frame, length, tets, log):
+    """A lattice of a box by edge length or count, in metres."""
+    if not frame.exact:
+        raise InvalidCase("a mesh of kind 'bcc' fills a box only; choose 'pytetwild'.")
+    sides = frame.points.max(axis=0)
+    if tets is None:
+        cells = np.maximum(np.round(np.round(sides * BCC_EDGE / length, 9)), 1).astype(int)
+    else:
+        cells = _bcc_cells(sides, tets)
+    lattice = bcc_box((0, 0, 0), tuple(cells), tuple(cells))
+    order = morton_order(lattice.points, 21)
+    rank = np.empty(len(order), np.int32)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    points = lattice.points[order]
+    by_place = morton_order(lattice.points[lattice.tets].mean(axis=1), 21)
+    points = frame.lower + points / cells * (frame.upper - frame.lower)
+    for axis in range(3):
+        points[lattice.points[order, axis] == cells[axis], axis] = frame.upper[axis]
+    mesh = TetMesh(
+        points,
+        rank[lattice.tets[by_place]],
+        rank[lattice.facets],
+        lattice.facet_patch,
+        box_patches(frame.lower, frame.upper),
+    )
+    log(f"lattice of {cells[0]} x {cells[1]} x {cells[2]} cells: {len(mesh.tets):,} tets")
+    return mesh
+
+
+def _bcc_cells(sides, tets):
+    """Numbers of cells (3,) that give nearly a wanted number of tets with nearly cubic cells."""
+    best = None
+    for scale in np.geomspace(0.5, 2.0, 121):
+        ideal = sides * scale * (tets / 12.0 / np.prod(sides)) ** (1.0 / 3.0)
+        for up in np.ndindex(2, 2, 2):
+            cells = np.maximum(np.floor(ideal) + up, 1).astype(int)
+            error = abs(math.log(bcc_count(cells) / tets))
+            ratio = cells / sides
+            stretch = ratio.max() / ratio.min()
+            rank = (max(error, 0.03), stretch, error)
+            if best is None or rank < best[0]:
+                best = (rank, cells)
+    return best[1]
+
+
+def bcc_count(cells):
+    """Number of tets of a lattice of cells (nx, ny, nz)."""
+    nx, ny, nz = (int(n) for n in cells)
+    return 12 * nx * ny * nz + 4 * (nx * ny + ny * nz + nz * nx)
