@@ -81,6 +81,8 @@ def tet_volumes(points, tets):
 def boundary_facets(tets):
     """Return the triangles (b, 3) that belong to one tetrahedron only, oriented outward."""
     facets = tets[:, TET_FACES].reshape(-1, 3)
-    key = np.sort(facets, axis=1)
-    _, first, count = np.unique(key, axis=0, return_index=True, return_counts=True)
+    low, middle, high = np.sort(facets, axis=1).astype(np.int64).T
+    size = int(tets.max(initial=0)) + 1
+    pair = np.unique(low * size + middle, return_inverse=True)[1]  # one number, however many nodes
+    _, first, count = np.unique(pair * size + high, return_index=True, return_counts=True)
     return facets[np.sort(first[count == 1])]
