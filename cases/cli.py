@@ -182,21 +182,27 @@ def _first_sentence(error):
 
 
 def set_threads(count):
-    """Let numba and the linear algebra libraries use `count` threads (None: all cores).
+    """Let numba and the linear algebra libraries use `count` threads; returns how many.
+
+    Parameters
+    ----------
+    count : int or None
+        None, and any number above it, means all cores.
 
     Raises
     ------
     InvalidCase
-        If the machine has not that many.
+        If it is below 1.
     """
     import numba
+    import threadpoolctl
 
     most = numba.config.NUMBA_NUM_THREADS
-    if count is None:
-        return most
-    if not 1 <= count <= most:
-        raise InvalidCase(f"--threads {count}: must lie between 1 and {most}, this machine's cores")
+    if count is not None and count < 1:
+        raise InvalidCase(f"--threads {count}: must be at least 1")
+    count = most if count is None else min(count, most)
     numba.set_num_threads(count)
+    threadpoolctl.threadpool_limits(count)
     return count
 
 

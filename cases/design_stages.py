@@ -10,12 +10,10 @@ import numpy as np
 
 from cases.history import HistoryFile
 from cases.series import FieldSeries, snapshot_steps
-from cases.stage_files import load_design, mesh_hash, save_design
-from meshes import InvalidCase
+from cases.stage_files import load_design, save_design
 from meshes.io import load_tet_mesh, save_tet_mesh
-from meshes.structured import bcc_box
-from topopt.boundary import attach_sets, boundary_conditions, check_rigid_motions
-from topopt.domain import mesh_domain
+from topopt.boundary import boundary_conditions, check_rigid_motions
+from topopt.domain import attach_sets, mesh_domain, mesh_hash
 from topopt.elasticity import ElasticModel, von_mises
 from topopt.geometry import tet_geometry
 from topopt.interpolation import stiffness_factor
@@ -30,16 +28,14 @@ class MeshStage:
 
     def run(self, run):
         section = run.case.mesh
-        if section.kind == "bcc":
-            mesh = structured_mesh(run.problem.domain, section.edge_length, section.tets)
-        else:
-            mesh = mesh_domain(
-                run.problem,
-                edge_length=section.edge_length,
-                tets=section.tets,
-                cache="auto" if section.cache else None,
-                log=LOG.info,
-            )
+        mesh = mesh_domain(
+            run.problem,
+            edge_length=section.edge_length,
+            tets=section.tets,
+            kind=section.kind,
+            cache=None if section.cache else False,
+            log=LOG.info,
+        )
         run.mesh = attach_sets(mesh, run.problem)
         save_tet_mesh(run.folder / "mesh.npz", run.mesh)
         return self._tell(run)
@@ -57,19 +53,6 @@ class MeshStage:
             "kind": run.case.mesh.kind,
         }
         return f"{tets:,} tetrahedra, {nodes:,} nodes"
-
-
-def structured_mesh(domain, edge_length=None, tets=None):
-    """A body-centred cubic mesh of a box by edge length [m] of its cells, or by count."""
-    size = np.subtract(domain.upper, domain.lower)
-    if edge_length is None:
-        edge_length = (12.0 * size.prod() / tets) ** (1.0 / 3.0)
-    cells = np.maximum(1, np.round(size / edge_length)).astype(int)
-    if cells.prod() > 10**8:
-        raise InvalidCase(
-            f"mesh.edge_length: {edge_length:g} m makes {12 * cells.prod():.2g} tets; use a longer one"
-        )
-    return bcc_box(domain.lower, domain.upper, cells)
 
 
 class RecordingModel(ElasticModel):
@@ -124,9 +107,7 @@ class TopoptStage:
             "von_mises": stress,
         }
         run.figures["topopt"] = _design_figures(run, result, model, conditions, stress)
-        save_design(
-            run.folder / "phase_field.npz", run.design, run.fields, run.figures["topopt"]
-        )
+        save_design(run.folder / "phase_field.npz", run.design, run.fields, run.figures["topopt"])
         energy = stiffness_factor(phi, run.mesh.tets, run.problem.material.void_ratio)
         energy = energy * state.energy_density
         series.write(

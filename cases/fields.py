@@ -117,9 +117,7 @@ def refusal_with_remark(text, remark):
 
 def length(above=None, at_least=None, words=(), nullable=False):
     """A length [m], given in metres or with a unit."""
-    return number(
-        above, at_least, parse=quantities.length, words=words, nullable=nullable
-    )
+    return number(above, at_least, parse=quantities.length, words=words, nullable=nullable)
 
 
 def whole(at_least=None, at_most=None, words=(), nullable=False):
@@ -167,7 +165,9 @@ def interval(value):
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise ValueError("must be a range [low, high], with null for an open end")
     ends = tuple(
-        None if end is None or (isinstance(end, float) and math.isinf(end)) else quantities.length(end)
+        None
+        if end is None or (isinstance(end, float) and math.isinf(end))
+        else quantities.length(end)
         for end in value
     )
     if None not in ends and ends[0] > ends[1]:

@@ -32,7 +32,7 @@ class HistoryFile:
         self._guarded(self._write, astuple(row))
 
     def _open(self):
-        self._file = open(self._path, "w", encoding="ascii", newline="")
+        self._file = open(self._path, "w", encoding="ascii", newline="")  # noqa: SIM115
         self._write(COLUMNS)
 
     def _write(self, items):

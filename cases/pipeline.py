@@ -11,7 +11,6 @@ import sys
 import time
 from pathlib import Path
 
-
 from cases import report
 from cases.cli import Terminated, set_threads
 from cases.design_stages import MeshStage, TopoptStage

@@ -226,7 +226,9 @@ class RemeshSection(Section):
 
     @model_validator(mode="after")
     def _one_target(self):
-        given = [n for n in ("vertices", "edge_length", "edge_factor") if getattr(self, n) is not None]
+        given = [
+            n for n in ("vertices", "edge_length", "edge_factor") if getattr(self, n) is not None
+        ]
         if len(given) != 1:
             raise fields.refusal("must give one of vertices, edge_length and edge_factor")
         return self

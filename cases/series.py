@@ -44,4 +44,4 @@ def snapshot_steps(count, steps):
     if count == 0 or steps < 1:
         return frozenset()
     exponents = np.arange(count) / count
-    return frozenset(int(round(steps**exponent)) for exponent in exponents) - {steps}
+    return frozenset(round(steps**exponent) for exponent in exponents) - {steps}

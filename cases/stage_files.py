@@ -4,7 +4,6 @@ The mesh goes into `mesh.npz` and the design into `phase_field.npz`; PLY files k
 exactly (doubles, labels, feature edges), so they serve as they are.
 """
 
-import hashlib
 import io
 import json
 import zipfile
@@ -14,14 +13,7 @@ import numpy as np
 from meshes import PhaseField
 from meshes.errors import InvalidCase
 from meshes.io import write_atomically
-
-
-def mesh_hash(mesh):
-    """SHA-256 over a mesh's points, tets and boundary facets."""
-    digest = hashlib.sha256()
-    for array in (mesh.points, mesh.tets, mesh.facets, mesh.facet_patch):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.hexdigest()
+from topopt.domain import mesh_hash
 
 
 def save_design(path, field, arrays, figures):

@@ -1,4 +1,4 @@
-"""The stages that make the surface: isosurface, smoothing, remeshing.
+"""The stages that make the surface: isosurface and smoothing.
 
 Every stage has `run` (make the product and write its files; returns what to tell) and `load`
 (read them again for --from).
@@ -6,10 +6,7 @@ Every stage has `run` (make the product and write its files; returns what to tel
 
 import logging
 
-import numpy as np
-
 from cases import quantities
-from cases.surface_files import write_stl_checked
 from isosurface import (
     SmoothingSettings,
     drop_islands,
@@ -22,9 +19,6 @@ from isosurface import (
 )
 from meshes.io import read_surface, write_surface
 from meshes.quality import signed_volume
-from meshes.topology import edge_table
-from rbf import fit_surfaces
-from remesh import RemeshSettings, remesh
 
 LOG = logging.getLogger("phasemesh")
 
