@@ -1,0 +1,108 @@
+"""Compiled loops over hashed cells: keys, and the runs of points around a cell.
+
+Lengths are in units of the support radius. The cells are cubes of half a support radius; a cell's
+index is a triple of integers, packed into one 63-bit key (21 bits each). Only occupied cells
+exist. Cells that differ in z alone form a column, whose points lie one after the other in memory,
+so that a neighbourhood is a few runs of points.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+CELLS_PER_SUPPORT = 2.0  # cells of half a support radius
+REACH = 2  # a support ends within this many cells; the projection looks one farther
+MARGIN = 2 * REACH + 2  # empty cells kept around the points, so that indices stay positive
+LARGEST_INDEX = 2**21 - 1
+OUTSIDE = -1  # key of a query farther than REACH cells from every point, or not finite
+MAX_RUNS = (2 * REACH + 3) ** 2
+
+_HASH = np.uint64(0x9E3779B97F4A7C15)
+
+OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+
+
+@njit(parallel=True, **OPTIONS)
+def cell_keys(points, lower, upper_index, keys):
+    """Write the packed cell key of each point (n, 3) into keys (n,); OUTSIDE where too far."""
+    for p in prange(points.shape[0]):
+        key = np.int64(0)
+        for axis in range(3):
+            place = (points[p, axis] - lower[axis]) * CELLS_PER_SUPPORT + MARGIN
+            if not (place >= MARGIN - REACH and place < upper_index[axis] + REACH + 1):
+                key = np.int64(OUTSIDE)
+                break
+            key = (key << 21) | np.int64(place)
+        keys[p] = key
+
+
+@njit(**OPTIONS)
+def fill_table(column_keys, table_keys, table_columns):
+    """Enter columns by key into an open-addressing table (size a power of two, filled with -1)."""
+    mask = table_keys.size - 1
+    for column in range(column_keys.size):
+        slot = _slot(column_keys[column], mask)
+        while table_keys[slot] != -1:
+            slot = (slot + 1) & mask
+        table_keys[slot] = column_keys[column]
+        table_columns[slot] = column
+
+
+@njit(inline="always", **OPTIONS)
+def _slot(key, mask):
+    return np.int64((np.uint64(key) * _HASH) >> np.uint64(32)) & mask
+
+
+@njit(**OPTIONS)
+def find_column(key, table_keys, table_columns):
+    """Index of the column with this key, -1 if it is empty."""
+    mask = table_keys.size - 1
+    slot = _slot(key, mask)
+    while table_keys[slot] != -1:
+        if table_keys[slot] == key:
+            return table_columns[slot]
+        slot = (slot + 1) & mask
+    return -1
+
+
+@njit(**OPTIONS)
+def neighbour_runs(key, reach, grid, run_start, run_end):
+    """Runs of points in the cells at most `reach` away from cell `key`.
+
+    Parameters
+    ----------
+    key : int
+        Packed cell index.
+    grid : tuple
+        The arrays of a `CellGrid` (its `arrays`).
+    run_start, run_end : (MAX_RUNS,) int64 array
+        Filled with the points [start, end) of each run, in increasing order.
+
+    Returns
+    -------
+    runs, points : int
+        Number of runs and of points in them.
+    """
+    table_keys, table_columns, column_start, cell_z, cell_start = grid
+    x, y, z = key >> 42, (key >> 21) & LARGEST_INDEX, key & LARGEST_INDEX
+    runs, total = 0, 0
+    for i in range(x - reach, x + reach + 1):
+        for j in range(y - reach, y + reach + 1):
+            column = find_column((i << 21) | j, table_keys, table_columns)
+            if column < 0:
+                continue
+            first, last = column_start[column], column_start[column + 1]
+            end = last
+            while first < end:  # first cell of the column at or above z - reach
+                middle = (first + end) >> 1
+                if cell_z[middle] < z - reach:
+                    first = middle + 1
+                else:
+                    end = middle
+            beyond = first
+            while beyond < last and cell_z[beyond] <= z + reach:
+                beyond += 1
+            if beyond > first:
+                run_start[runs], run_end[runs] = cell_start[first], cell_start[beyond]
+                total += cell_start[beyond] - cell_start[first]
+                runs += 1
+    return runs, total

@@ -1,0 +1,246 @@
+"""Compiled loops of the preconditioner: one small Cholesky factorisation per group of sites.
+
+A "site" holds m functionals (1: a value; 2: a value and a scaled normal derivative; 3: the values
+of an offset triple). Sites are numbered in the order of the cells; a group is a few consecutive
+sites of one cell. The group's rows of the factor come from the block of the system that belongs to
+its nearest earlier sites and its own.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+from rbf.cell_kernels import MAX_RUNS, neighbour_runs
+from rbf.kernels import wendland_chain, wendland_value
+
+OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+SUMS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz", "reassoc"}}
+LANES = 16  # rows are padded to a multiple of this
+SMALLEST_PIVOT = 1e-13  # diagonal entries are about 1: a pivot below this is noise
+
+
+@njit(parallel=True, **OPTIONS)
+def choose_columns(keys, cells, grid, sites, group_start, columns, counts):
+    """The sites each group sees: its nearest earlier ones, then its own.
+
+    Parameters
+    ----------
+    keys, cells : int64 arrays
+        Packed indices of the occupied cells; the cell of each group.
+    grid : tuple
+        `CellGrid.arrays` of the sites.
+    sites : (n, 3) float array
+        In cell order, in units of the support radius.
+    group_start : (g + 1,) int64 array
+        Group i is the sites group_start[i] to group_start[i + 1].
+    columns : (g, neighbours + group size) int32 array
+    counts : (g,) int32 array
+        How many columns each group has.
+    """
+    for group in prange(counts.size):
+        first, last = group_start[group], group_start[group + 1]
+        run_start, run_end = np.empty(MAX_RUNS, np.int64), np.empty(MAX_RUNS, np.int64)
+        runs, _ = neighbour_runs(keys[cells[group]], 1, grid, run_start, run_end)
+        limit = columns.shape[1] - (last - first)
+        distances = np.empty(limit)
+        count = 0
+        for run in range(runs):
+            for j in range(run_start[run], min(run_end[run], first)):
+                nearest = np.inf
+                for i in range(first, last):
+                    d = 0.0
+                    for axis in range(3):
+                        d += (sites[j, axis] - sites[i, axis]) ** 2
+                    nearest = min(nearest, d)
+                if nearest < 1.0:
+                    count = _insert(j, nearest, columns[group], distances, count)
+        for i in range(first, last):
+            columns[group, count] = i
+            count += 1
+        counts[group] = count
+
+
+@njit(**OPTIONS)
+def _insert(j, distance, chosen, distances, count):
+    """Keep the distances.size nearest candidates, sorted; returns how many there are."""
+    limit = distances.size
+    if limit == 0 or (count == limit and distance >= distances[limit - 1]):
+        return count
+    place = min(count, limit - 1)
+    while place > 0 and distances[place - 1] > distance:
+        distances[place], chosen[place] = distances[place - 1], chosen[place - 1]
+        place -= 1
+    distances[place], chosen[place] = distance, j
+    return min(count + 1, limit)
+
+
+@njit(**OPTIONS)
+def _hermite_matrix(order, scale, ridge, positions, normals, chosen, block):
+    """Upper triangle of the block of Hermite sites (2 x 2 each); lengths in supports."""
+    for a in range(chosen.size):
+        i = chosen[a]
+        for b in range(a, chosen.size):
+            j = chosen[b]
+            dx = positions[i, 0] - positions[j, 0]
+            dy = positions[i, 1] - positions[j, 1]
+            dz = positions[i, 2] - positions[j, 2]
+            phi, f1, f2 = wendland_chain(order, np.sqrt(dx * dx + dy * dy + dz * dz))
+            di = normals[i, 0] * dx + normals[i, 1] * dy + normals[i, 2] * dz
+            dj = normals[j, 0] * dx + normals[j, 1] * dy + normals[j, 2] * dz
+            nn = 0.0
+            for axis in range(3):
+                nn += normals[i, axis] * normals[j, axis]
+            block[2 * a, 2 * b] = phi
+            block[2 * a, 2 * b + 1] = -scale * f1 * dj
+            block[2 * a + 1, 2 * b] = scale * f1 * di
+            block[2 * a + 1, 2 * b + 1] = -scale * scale * (f1 * nn + f2 * di * dj)
+        block[2 * a, 2 * a] += ridge
+
+
+@njit(**OPTIONS)
+def _value_matrix(order, ridge, m, positions, chosen, block):
+    """Upper triangle of the block of sites that hold m values each."""
+    for a in range(chosen.size * m):
+        i = chosen[a // m] * m + a % m
+        for b in range(a, chosen.size * m):
+            j = chosen[b // m] * m + b % m
+            d2 = 0.0
+            for axis in range(3):
+                d2 += (positions[i, axis] - positions[j, axis]) ** 2
+            block[a, b] = wendland_value(order, np.sqrt(d2))
+        block[a, a] += ridge
+
+
+@njit(**OPTIONS)
+def cholesky(block, size, width, inverse_diagonal):
+    """Overwrite the upper triangle by U, U^T U = block; returns the number of bad pivots.
+
+    Rows run to `width` (a multiple of LANES; columns from `size` on must be 0) and begin at the
+    multiple of LANES at or below the diagonal, so that the loops fill vector registers; what they
+    leave below the diagonal is not used.
+    """
+    bad = 0
+    for k in range(size):
+        pivot = block[k, k]
+        if not pivot > SMALLEST_PIVOT:
+            bad += 1
+            pivot = 1.0
+        inverse = 1.0 / np.sqrt(pivot)
+        inverse_diagonal[k] = inverse
+        for j in range(k // LANES * LANES, width):
+            block[k, j] *= inverse
+        for i in range(k + 1, size):
+            factor = block[k, i]
+            for j in range(i // LANES * LANES, width):
+                block[i, j] -= factor * block[k, j]
+    return bad
+
+
+@njit(**OPTIONS)
+def last_inverse_rows(block, size, wanted, inverse_diagonal, inverse):
+    """The last rows of the inverse of U^T, as columns: inverse (size, wanted padded to LANES)."""
+    for k in range(size - 1, -1, -1):
+        for u in range(inverse.shape[1]):
+            inverse[k, u] = 0.0
+        if k >= size - wanted:
+            inverse[k, k - (size - wanted)] = 1.0
+        for j in range(k + 1, size):
+            factor = block[k, j]
+            for u in range(inverse.shape[1]):
+                inverse[k, u] -= factor * inverse[j, u]
+        for u in range(inverse.shape[1]):
+            inverse[k, u] *= inverse_diagonal[k]
+
+
+@njit(parallel=True, **OPTIONS)
+def factor_groups(
+    order, scale, ridge, m, positions, normals, group_start, columns, counts, offsets, entries, bad
+):
+    """The rows of the approximate inverse factor.
+
+    Parameters
+    ----------
+    order, scale, ridge, m : int, float, float, int
+        The kernel's k, the scale of the derivative functional, the value added to the diagonal
+        of the values, the number of functionals per site.
+    positions : (n m, 3) float array
+        Where each functional sits (for Hermite sites: (n, 3)), in units of the support radius.
+    normals : (n, 3) float array, or (0, 3)
+        Hermite sites have them.
+    group_start, columns, counts : arrays
+        See `choose_columns`.
+    offsets : (g,) int64 array
+        Where each group's dense rows begin in `entries`.
+    entries : float32 array
+        Rows of group i: (sites of the group * m, counts[i] * m).
+    bad : (g,) int64 array
+        Number of bad pivots of each group.
+    """
+    for group in prange(counts.size):
+        size = counts[group] * m
+        wanted = (group_start[group + 1] - group_start[group]) * m
+        width = (size + LANES - 1) // LANES * LANES
+        block = np.zeros((width, width))
+        inverse_diagonal = np.empty(size)
+        inverse = np.empty((size, (wanted + LANES - 1) // LANES * LANES))
+        chosen = columns[group, : counts[group]]
+        if normals.shape[0] > 0:
+            _hermite_matrix(order, scale, ridge, positions, normals, chosen, block)
+        else:
+            _value_matrix(order, ridge, m, positions, chosen, block)
+        bad[group] = cholesky(block, size, width, inverse_diagonal)
+        last_inverse_rows(block, size, wanted, inverse_diagonal, inverse)
+        for u in range(wanted):
+            for k in range(size):
+                entries[offsets[group] + u * size + k] = inverse[k, u]
+
+
+@njit(parallel=True, **SUMS)
+def apply_rows(m, group_start, columns, counts, offsets, entries, x, products, product_start):
+    """y = G x, and the pieces of G^T y that each group contributes.
+
+    `products` holds, from product_start[i], the counts[i] * m contributions of group i; nobody
+    else writes there. `sum_products` adds them up.
+    """
+    for group in prange(counts.size):
+        size = counts[group] * m
+        local = np.empty(size)
+        for a in range(counts[group]):
+            for v in range(m):
+                local[a * m + v] = x[columns[group, a], v]
+        place = product_start[group]
+        for k in range(size):
+            products[place + k] = 0.0
+        for u in range((group_start[group + 1] - group_start[group]) * m):
+            row = offsets[group] + u * size
+            total = 0.0
+            for k in range(size):
+                total += entries[row + k] * local[k]
+            for k in range(size):
+                products[place + k] += entries[row + k] * total
+
+
+@njit(**OPTIONS)
+def list_products(m, columns, counts, product_start, starts, places):
+    """For each site, where its contributions lie in `products`: places[starts[j]:starts[j + 1]]."""
+    for group in range(counts.size):
+        for a in range(counts[group]):
+            starts[columns[group, a] + 1] += 1
+    for j in range(starts.size - 1):
+        starts[j + 1] += starts[j]
+    following = starts[:-1].copy()
+    for group in range(counts.size):
+        for a in range(counts[group]):
+            j = columns[group, a]
+            places[following[j]] = product_start[group] + a * m
+            following[j] += 1
+
+
+@njit(parallel=True, **OPTIONS)
+def sum_products(m, starts, places, products, z):
+    """z (n, m): the contributions of all groups to each site, always in the same order."""
+    for j in prange(z.shape[0]):
+        for v in range(m):
+            total = 0.0
+            for e in range(starts[j], starts[j + 1]):
+                total += products[places[e] + v]
+            z[j, v] = total

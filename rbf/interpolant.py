@@ -1,0 +1,228 @@
+"""Interpolants with compact support: a sum of Wendland kernels that knows where it is defined."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from meshes import InvalidCase
+from rbf import evaluate_kernels, project_kernels
+
+TOLERANCE = 1e-6  # of the projection, |S| in support radii
+LONGEST_STEP = 1.0 / 12.0  # of the projection, in support radii: half a spacing
+LEAST_SLOPE = 0.2  # a gradient flatter than this does not carry a step
+MOST_STEPS = 20
+
+
+@dataclass(frozen=True)
+class FitReport:
+    """How a fit went.
+
+    Attributes
+    ----------
+    iterations : int
+        Of conjugate gradients.
+    residual : float
+        True relative residual of the linear system, in the 2-norm.
+    value_error, slope_error : float
+        Largest deviation from the data: of the values, in the unit of the values, and of the
+        normal derivatives (NaN if the form prescribes none).
+    condition : float
+        Condition number of the preconditioned system, as the iteration saw it.
+    bad_pivots : int
+        Pivots of the preconditioner that were noise.
+    welded : int
+        Points that were dropped because they nearly coincide with another.
+    added : int
+        Points that were added where edges were long.
+    ridge : float
+        Added to the diagonal of the values.
+    """
+
+    iterations: int
+    residual: float
+    value_error: float
+    slope_error: float
+    condition: float
+    bad_pivots: int
+    welded: int = 0
+    added: int = 0
+    ridge: float = 0.0
+
+
+class CompactInterpolant:
+    """S(x) = sum_j a_j phi(|x - x_j| / c) + (derivative terms), defined within c of the centres.
+
+    Built by the fit functions. Satisfies `meshes.ImplicitSurface`.
+
+    Attributes
+    ----------
+    points : (n, 3) float array
+        The data sites that were fitted (after welding), in the order given.
+    support_radius, spacing : float
+        In the unit of the points.
+    kernel : Kernel
+    report : FitReport
+    """
+
+    def __init__(self, points, system, kernel, support_radius, spacing, origin, report):
+        self.points = points
+        self.kernel, self.support_radius, self.spacing = kernel, support_radius, spacing
+        self.report = report
+        self._origin = origin
+        self._grid = system.centre_grid
+        self._centres, self._hermite = system.centres, system.hermite
+        self._tree = None
+
+    iterations = property(lambda self: self.report.iterations)
+    residual = property(lambda self: self.report.residual)
+    condition = property(lambda self: self.report.condition)
+
+    def value(self, points):
+        """S at points (n, 3): (n,), NaN outside the support."""
+        return self.value_and_gradient(points)[0]
+
+    def gradient(self, points):
+        """Gradient of S at points (n, 3): (n, 3), NaN outside the support."""
+        return self.value_and_gradient(points)[1]
+
+    def value_and_gradient(self, points):
+        """Value (n,) and gradient (n, 3) at points (n, 3); NaN outside the support."""
+        scaled = self._scaled(points)
+        values, gradients = np.empty(len(scaled)), np.empty((len(scaled), 3))
+        order, keys, starts = self._grid.bin_queries(scaled)
+        evaluate_kernels.evaluate(
+            scaled,
+            order,
+            keys,
+            starts,
+            self._centres,
+            self._grid.arrays,
+            self.kernel.order,
+            self._hermite,
+            values,
+            gradients,
+        )
+        values *= self._unit
+        gradients *= self._unit / self.support_radius
+        return values, gradients
+
+    def distance_to_data(self, points):
+        """Distance (n,) from points (n, 3) to the nearest data site.
+
+        Beyond `support_radius` the interpolant is undefined; beyond half of it, it is defined but
+        falls back to 0 and says nothing about the surface.
+        """
+        if self._tree is None:
+            self._tree = cKDTree(self.points)
+        return self._tree.query(np.asarray(points, dtype=float))[0]
+
+    def is_supported(self, points):
+        """Whether S is defined at points (n, 3): (n,) bool."""
+        return np.isfinite(self.value(points))
+
+    def project(
+        self,
+        points,
+        tolerance=TOLERANCE,
+        refresh_gradient=1,
+        longest_step=LONGEST_STEP,
+        steps=MOST_STEPS,
+    ):
+        """Walk points (n, 3) down the gradient to S = 0.
+
+        x <- x - S g / max(|g|^2, 0.04), the step clipped, until |S| is below the tolerance where
+        the gradient is not flat.
+
+        Parameters
+        ----------
+        points : (n, 3) float array
+            Not much farther from the surface than one spacing.
+        tolerance, longest_step : float
+            On |S| and on the length of a step, in support radii.
+        refresh_gradient : int
+            Renew the direction every so many steps: 1, or 3 as the thesis does.
+        steps : int
+            Most steps.
+
+        Returns
+        -------
+        projected, normals : (n, 3) float arrays
+            NaN where a point has no support, or did not converge.
+
+        Raises
+        ------
+        InvalidCase
+            If `refresh_gradient` is not at least 1.
+
+        Notes
+        -----
+        Thesis Algorithm 1.
+        """
+        projected, normals, _ = self.project_with_steps(
+            points, tolerance, refresh_gradient, longest_step, steps
+        )
+        return projected, normals
+
+    def project_with_steps(
+        self,
+        points,
+        tolerance=TOLERANCE,
+        refresh_gradient=1,
+        longest_step=LONGEST_STEP,
+        steps=MOST_STEPS,
+    ):
+        """`project`, and how many steps (n,) each point took."""
+        if refresh_gradient < 1:
+            raise InvalidCase(f"refresh_gradient must be at least 1, got {refresh_gradient}")
+        slope_unit = self._unit / self.support_radius
+        settings = (
+            float(tolerance) / slope_unit,
+            float(longest_step),
+            LEAST_SLOPE / slope_unit,
+            int(steps),
+            int(refresh_gradient),
+        )
+        scaled = self._scaled(points)
+        taken = np.zeros(len(scaled), np.int64)
+        states = np.full((len(scaled), 4), np.nan)
+        status = np.full(len(scaled), project_kernels.MOVED)
+        waiting = np.arange(len(scaled))
+        while len(waiting):
+            part = (scaled[waiting], taken[waiting], states[waiting], status[waiting])
+            self._walk(*part, settings)
+            scaled[waiting], taken[waiting], states[waiting], status[waiting] = part
+            waiting = waiting[part[3] == project_kernels.MOVED]
+        failed = status != project_kernels.CONVERGED
+        normals = states[:, :3] / np.sqrt(states[:, 3:])
+        projected = scaled * self.support_radius + self._origin
+        projected[failed], normals[failed] = np.nan, np.nan
+        return projected, normals, taken
+
+    def _walk(self, scaled, taken, states, status, settings):
+        order, keys, starts = self._grid.bin_queries(scaled)
+        project_kernels.project(
+            scaled,
+            order,
+            keys,
+            starts,
+            self._centres,
+            self._grid.arrays,
+            self.kernel.order,
+            self._hermite,
+            settings,
+            taken,
+            states,
+            status,
+        )
+
+    @property
+    def _unit(self):
+        """What a value of 1 in the scaled system means: surfaces are scaled by the support."""
+        return self.support_radius
+
+    def _scaled(self, points):
+        points = np.asarray(points, dtype=float)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InvalidCase(f"points must have shape (n, 3), got {points.shape}")
+        return (points - self._origin) / self.support_radius

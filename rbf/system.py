@@ -1,0 +1,136 @@
+"""The linear system of an interpolant with compact support, without its matrix.
+
+The evaluator serves as the product of the matrix with a vector: the coefficients become a sum of
+kernels, which is evaluated at the sites. All lengths are in units of the support radius.
+"""
+
+import numpy as np
+
+from rbf import evaluate_kernels
+from rbf.cells import CellGrid
+
+# The derivative functional of the Hermite form is scaled by a fifth of the support radius, which
+# makes its diagonal entry about that of the value.
+DERIVATIVE_SCALE = 0.2
+
+
+class HermiteSystem:
+    """Values and normal derivatives at sites; unknowns (n, 2), in the order of the cells.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) float arrays
+        Sites in units of the support radius, and unit normals.
+    order : int
+        k of Wendland's phi_{3,k}, at least 1.
+    ridge : float
+        Added to the diagonal entries of the values (which are 1).
+    """
+
+    unknowns_per_site = 2
+    hermite = True
+
+    def __init__(self, points, normals, order, ridge=0.0):
+        self.order, self.ridge = order, ridge
+        self.grid = CellGrid(points)
+        self.sites = self.positions = np.ascontiguousarray(points[self.grid.order])
+        self.normals = np.ascontiguousarray(normals[self.grid.order])
+        self.site_order = self.grid.order
+        self.centre_grid = self.grid
+        self.centres = np.zeros((len(points), 7))
+        self.centres[:, :3] = self.sites
+        self._identity = np.arange(len(points))
+        self._value, self._gradient = np.empty(len(points)), np.empty((len(points), 3))
+
+    def right_side(self):
+        """Value 0 and slope 1 everywhere: (n, 2), in units of the support radius."""
+        right = np.zeros((len(self.sites), 2))
+        right[:, 1] = DERIVATIVE_SCALE
+        return right
+
+    def set_coefficients(self, x):
+        """Make `centres` the sum with the coefficients x (n, 2)."""
+        self.centres[:, 3] = x[:, 0]
+        np.multiply(self.normals, -DERIVATIVE_SCALE * x[:, 1:], out=self.centres[:, 4:])
+
+    def multiply(self, x, out):
+        """out = A x for arrays (n, 2)."""
+        self.set_coefficients(x)
+        evaluate_kernels.evaluate(
+            self.positions,
+            self._identity,
+            self.grid.keys,
+            self.grid.starts,
+            self.centres,
+            self.grid.arrays,
+            self.order,
+            True,
+            self._value,
+            self._gradient,
+        )
+        np.multiply(x[:, 0], self.ridge, out=out[:, 0])
+        out[:, 0] += self._value
+        np.einsum("ij,ij->i", self._gradient, self.normals, out=out[:, 1])
+        out[:, 1] *= DERIVATIVE_SCALE
+
+
+class PointSystem:
+    """Values at points, m of them to a site (1: scattered values; 3: offset triples).
+
+    Parameters
+    ----------
+    sites : (n, 3) float array
+        In units of the support radius.
+    positions : (n, m, 3) float array
+        Where the values of each site are given.
+    order : int
+        k of Wendland's phi_{3,k}.
+    ridge : float
+        Added to the diagonal (whose entries are 1).
+    """
+
+    hermite = False
+
+    def __init__(self, sites, positions, order, ridge=0.0):
+        self.order, self.ridge = order, ridge
+        self.unknowns_per_site = positions.shape[1]
+        self.grid = CellGrid(sites)
+        self.site_order = self.grid.order
+        self.sites = np.ascontiguousarray(sites[self.site_order])
+        self.positions = np.ascontiguousarray(positions[self.site_order].reshape(-1, 3))
+        self.normals = np.empty((0, 3))
+        self.centre_grid = self.grid
+        if self.unknowns_per_site > 1:
+            self.centre_grid = CellGrid(self.positions)
+        self._order = self._places()
+        self.centres = np.zeros((len(self.positions), 7))
+        self.centres[:, :3] = self.positions[self._order]
+        self._value = np.empty(len(self.positions))
+        self._gradient = np.empty((len(self.positions), 3))
+
+    def _places(self):
+        if self.centre_grid is self.grid:
+            return np.arange(len(self.positions))
+        return self.centre_grid.order
+
+    def set_coefficients(self, x):
+        """Make `centres` the sum with the coefficients x (n, m)."""
+        np.take(x.reshape(-1), self._order, out=self.centres[:, 3], mode="clip")
+
+    def multiply(self, x, out):
+        """out = A x for arrays (n, m)."""
+        self.set_coefficients(x)
+        evaluate_kernels.evaluate(
+            self.positions,
+            self._order,
+            self.centre_grid.keys,
+            self.centre_grid.starts,
+            self.centres,
+            self.centre_grid.arrays,
+            self.order,
+            False,
+            self._value,
+            self._gradient,
+        )
+        np.multiply(x, self.ridge, out=out)
+        out += self._value.reshape(out.shape)
