@@ -82,25 +82,32 @@ def face_normals(points, faces):
     return normalised(area_vectors(points, faces))
 
 
-def angles_from_lengths(lengths):
-    """Angles (m, 3) [radians] opposite the edges of triangles with edge lengths (m, 3).
-
-    The area is Kahan's, which is accurate for needles; valid in any dimension.
-    """
-    lengths = np.asarray(lengths, dtype=float)
-    a, b, c = np.sort(lengths, axis=1)[:, ::-1].T
-    product = (a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c))
-    four_areas = np.sqrt(np.maximum(product, 0.0))
-    squared = lengths**2
-    cosine = squared.sum(axis=1, keepdims=True) - 2.0 * squared
-    return np.arctan2(four_areas[:, None], cosine)
-
-
 def corner_angles(corners):
-    """Angles (m, 3) [radians] at the corners (m, 3, d) of triangles in d dimensions."""
+    """Angles (m, 3) [radians] at the corners (m, 3, d) of triangles in d dimensions.
+
+    Accurate for needles, in any dimension: the sine comes from the height over one side, not from
+    lengths alone.
+    """
     corners = np.asarray(corners, dtype=float)
-    opposite = corners[:, [2, 0, 1]] - corners[:, [1, 2, 0]]
-    return angles_from_lengths(np.linalg.norm(opposite, axis=2))
+    angles = np.empty(corners.shape[:2])
+    for k in range(3):
+        first = corners[:, (k + 1) % 3] - corners[:, k]
+        second = corners[:, (k + 2) % 3] - corners[:, k]
+        angles[:, k] = _angle(first, second)
+    return angles
+
+
+def _angle(first, second):
+    """Angle (m,) [radians] between vectors (m, d); pi / 2 where one is zero."""
+    square = np.einsum("ij,ij->i", first, first)
+    dot = np.einsum("ij,ij->i", first, second)
+    share = dot / np.where(square > 0, square, 1.0)
+    height = np.linalg.norm(second - share[:, None] * first, axis=1)
+    return np.where(
+        (square > 0) & np.any(second != 0, axis=1),
+        np.arctan2(height * np.sqrt(square), dot),
+        0.5 * np.pi,
+    )
 
 
 def triangle_angles(points, faces):

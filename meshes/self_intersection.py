@@ -64,7 +64,7 @@ def self_intersecting_faces(points, faces):
 def normalised_coordinates(points):
     """Points scaled by a power of two to at most 1, and rounded to multiples of 2**-FINEST.
 
-    Changes nothing but coordinates below 1e-75 of the largest, and keeps every product of three
+    Changes nothing but coordinates below 1e-74 of the largest, and keeps every product of three
     of them, and its rounding error, far from underflow.
     """
     largest = np.abs(points).max(initial=0.0)
