@@ -44,7 +44,7 @@ def boundary_conditions(mesh, problem, log=None):
     -----
     Force and moments of every load are exact on meshes that do not follow its region.
     """
-    _check_names(problem)
+    _check_entries(problem)
     outer = _outer_facets(mesh.points, mesh.facets, problem.symmetry)
     fixed = np.zeros((len(mesh.points), 3), dtype=bool)
     for plane, on_plane in _symmetry_facets(mesh.points, mesh.facets, problem.symmetry):
@@ -67,7 +67,7 @@ def attach_sets(mesh, problem):
     positive area, "symmetry:<plane>" those on a symmetry plane; node sets "support:<name>" the
     nodes that are held. Raises as `boundary_conditions` does.
     """
-    _check_names(problem)
+    _check_entries(problem)
     outer = _outer_facets(mesh.points, mesh.facets, problem.symmetry)
     facet_sets, node_sets = {}, {}
     for plane, on_plane in _symmetry_facets(mesh.points, mesh.facets, problem.symmetry):
@@ -110,7 +110,7 @@ def check_problem(problem):
     ------
     InvalidCase
     """
-    _check_names(problem)
+    _check_entries(problem)
     points, faces = _domain_surface(problem.domain)
     outer = _outer_facets(points, faces, problem.symmetry)
     for load in problem.loads:
@@ -133,12 +133,17 @@ def check_problem(problem):
     _check_held(nodes, np.concatenate([np.zeros(points.shape, bool), fixed]), problem, "")
 
 
-def _check_names(problem):
+def _check_entries(problem):
     """Names of loads and of supports are keys of sets: each may occur once."""
     for kind, items in (("load", problem.loads), ("support", problem.supports)):
         names = [item.name for item in items]
         for name in sorted({name for name in names if names.count(name) > 1}):
             raise InvalidCase(f"{kind} '{name}' is given twice; give every {kind} its own name.")
+    for support in problem.supports:
+        if not support.fixed:
+            raise InvalidCase(
+                f"support '{support.name}' holds no direction; name at least one of x, y, z."
+            )
 
 
 def _domain_surface(domain):
@@ -206,10 +211,6 @@ def _patch_forces(points, facets, load, outer):
 
 def _support_nodes(mesh, support, outer):
     """Nodes (k,) that a support holds; InvalidCase if there is none."""
-    if not support.fixed:
-        raise InvalidCase(
-            f"support '{support.name}' holds no direction; name at least one of x, y, z."
-        )
     nodes = np.unique(mesh.facets[outer])
     inside = contains(support.region, mesh.points[nodes], tolerance_of(mesh.points))
     if not inside.any():

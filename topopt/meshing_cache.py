@@ -72,7 +72,8 @@ def _load(path, log):
         mesh = load_tet_mesh(path)
         check_tets(mesh)
     except InvalidMesh as error:
-        log(f"the kept mesh is damaged and made again: {error}")
+        reason = str(error).removeprefix(f"{path}: ")
+        log(f"the kept mesh {path} is damaged and made again: {reason}")
         return None
     return mesh
 

@@ -13,8 +13,9 @@ from meshes.errors import NotConverged
 
 WANTED, ALLOWED = 0.03, 0.05  # relative errors of the count: aimed at, and accepted at last
 COARSE = 40_000  # tets of the largest mesh that counts as cheap
-CHEAP_TRIES, FULL_TRIES = 8, 4
-NARROW = 0.01  # logarithm of the ratio of edge lengths between which no mesh is looked for
+CHEAP_TRIES, MIDDLE_TRIES, FULL_TRIES = 14, 2, 5
+NARROW = 0.001  # logarithm of the ratio of edge lengths between which no other is tried
+LONGEST_STEP = 0.4  # likewise, between one edge length and the next
 DENSITY = 9.0  # tets per cube of the edge length, roughly, for the very first guess
 SKIN = 0.5  # n is about density * (V / h^3 + SKIN * S / h^2): measured on boxes
 
@@ -56,11 +57,6 @@ class EdgeLengthSearch:
         """Note the count that an edge length gave."""
         self.tried.append((math.log(edge_length), math.log(tets / self.target)))
 
-    @property
-    def error(self):
-        """The smallest |n / target - 1| so far."""
-        return min(abs(math.expm1(error)) for _, error in self.tried)
-
     def bracket(self):
         """The tried (log h, error) next to the target: with too many and with too few tets."""
         many = max((t for t in self.tried if t[1] > 0), default=None)
@@ -70,18 +66,23 @@ class EdgeLengthSearch:
     def stuck(self):
         """Whether the lengths on both sides are as good as equal: n jumps over the target."""
         many, few = self.bracket()
-        return many is not None and few is not None and few[0] - many[0] < NARROW
+        return many is not None and few is not None and abs(few[0] - many[0]) < NARROW
 
-    def next(self, slope=-3.0):
-        """The edge length to try next; `slope` is d log n / d log h while only one is known."""
+    def next(self):
+        """The edge length to try next."""
         many, few = self.bracket()
         if many is None or few is None:
-            place, error = min(self.tried, key=lambda t: abs(t[1]))
-            return math.exp(place - min(max(error / slope, -0.4), 0.4))
-        if few[0] <= many[0]:  # noise: lengths out of order
+            return math.exp(self._beyond(few if many is None else many))
+        if few[0] <= many[0]:  # noise: the lengths are out of order
             return math.exp((few[0] + many[0]) / 2.0)
-        share = min(max(many[1] / (many[1] - few[1]), 0.15), 0.85)
+        share = min(max(many[1] / (many[1] - few[1]), 0.2), 0.8)
         return math.exp(many[0] + share * (few[0] - many[0]))
+
+    def _beyond(self, nearest):
+        """A step across the target by n ~ h^-3, doubled with every try that stayed on one side."""
+        place, error = nearest
+        step = error / 3.0 * 2.0 ** (len(self.tried) - 1)
+        return place + min(max(step, -LONGEST_STEP), LONGEST_STEP)
 
 
 def mesh_by_count(mesh_at, size, target, log):
@@ -103,29 +104,50 @@ def mesh_by_count(mesh_at, size, target, log):
     NotConverged
         If no mesh within 5 % was found; the history holds the counts tried.
     """
-    levels = 0
-    while target / 8**levels > COARSE:
-        levels += 1
-    first = size.edge_length(target) * 2**levels
-    for level in range(levels, 0, -1):
-        wanted = target * size.count(first) / size.count(first / 2**level)
-        log(f"looking for the edge length on a mesh of about {wanted:,.0f} tets")
-        first, _ = _search(mesh_at, first, wanted, CHEAP_TRIES if level == levels else 2)
-        first /= 2.0
-    edge_length, mesh = _search(mesh_at, first, target, FULL_TRIES if levels else CHEAP_TRIES)
+    halvings = 0
+    while target / 8**halvings > COARSE:
+        halvings += 1
+    edge_length = size.edge_length(target) * 2**halvings
+    tries = CHEAP_TRIES
+    for left in range(halvings, 0, -1):
+        wanted = target * size.count(edge_length) / size.count(edge_length / 2**left)
+        log(f"looking for the edge length on coarser meshes of about {wanted:,.0f} tets")
+        edge_length = search(mesh_at, edge_length, wanted, tries)[0] / 2.0
+        tries = MIDDLE_TRIES
+    _, mesh, counts = search(mesh_at, edge_length, target, FULL_TRIES if halvings else tries)
+    if abs(len(mesh.tets) / target - 1.0) > ALLOWED:
+        raise NotConverged(
+            f"no mesh of {target:,} tets was found; {_numbers(counts)} came out: ask for one of "
+            f"these numbers, or give an edge length.",
+            counts,
+        )
     return mesh
 
 
-def _search(mesh_at, edge_length, target, tries):
-    """The best (edge length, mesh) of some tries around a first edge length."""
-    search, best = EdgeLengthSearch(target), None
+def search(mesh_at, edge_length, target, tries):
+    """Look around a first edge length for a mesh with a wanted number of tets.
+
+    Returns
+    -------
+    edge_length : float
+    mesh
+        The one nearest to the target, made with this edge length.
+    counts : list of int
+        Numbers of tets that came out, in order.
+    """
+    seeker, counts, least = EdgeLengthSearch(target), [], math.inf
     for _ in range(tries):
         mesh = mesh_at(edge_length)
-        search.add(edge_length, len(mesh.tets))
-        error = abs(len(mesh.tets) / target - 1.0)
-        if best is None or error < best[0]:
-            best = (error, edge_length, mesh)
-        if best[0] <= WANTED or search.stuck():
+        counts.append(len(mesh.tets))
+        seeker.add(edge_length, counts[-1])
+        error = abs(counts[-1] / target - 1.0)
+        if error < least:
+            least, best = error, (edge_length, mesh)
+        if least <= WANTED or seeker.stuck():
             break
-        edge_length = search.next()
-    return best[1:]
+        edge_length = seeker.next()
+    return *best, counts
+
+
+def _numbers(counts):
+    return ", ".join(f"{count:,}" for count in sorted(set(counts)))

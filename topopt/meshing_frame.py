@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from meshes.errors import InvalidCase
-from meshes.patch import Patch, Plane
+from meshes.patch import Plane
 from meshes.quality import signed_volume
 from meshes.self_intersection import self_intersecting_faces
 from meshes.structured import box_patches

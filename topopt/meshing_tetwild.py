@@ -218,7 +218,7 @@ def curved_patches(points, facets, plane_of, first, frame, curved):
     if not curved.any():
         curved = np.ones(len(frame.faces), dtype=bool)
     faces = frame.faces[curved]
-    edges, pairs = edge_table(faces).face_pairs()
+    _, pairs = edge_table(faces).face_pairs()
     vectors = area_vectors(frame.points, faces)
     turn = angle_between(vectors[pairs[:, 0]], vectors[pairs[:, 1]])
     _, part = connected_faces(pairs[turn < CREASE_ANGLE], len(faces))

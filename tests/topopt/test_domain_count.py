@@ -1,0 +1,71 @@
+"""The search for an edge length: few meshes, also where the count jumps."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from meshes import NotConverged
+from topopt.meshing_count import Size, mesh_by_count, search
+
+BOX = Size(0.05 * 0.015 * 0.02 / 0.05**3, 2 * (0.015 + 0.02 + 0.015 * 0.02 / 0.05) / 0.05)
+
+
+class StaircaseMesher:
+    """Counts as pytetwild's: a jump by 2 at h = 0.0235 over any power of two, noise of 1 %.
+
+    The jump takes a hundredth of the length; the size of the largest mesh of all is noted.
+    """
+
+    def __init__(self, noise=0.01, width=0.01):
+        self.rng, self.noise, self.width = np.random.default_rng(1), noise, width
+        self.counts = []
+
+    def __call__(self, edge_length):
+        steps = math.log2(0.0235 / edge_length)
+        whole = math.floor(steps)
+        rest = steps - whole
+        rise = min(rest / self.width, 1.0)
+        stairs = whole + 0.33 * rise + 0.67 * rest  # continuous, period 1
+        tets = BOX.volume * 7.0 * 8.0**stairs / 0.0235**3
+        tets *= 1.0 + self.noise * self.rng.uniform(-1, 1)
+        self.counts.append(int(tets))
+        return SimpleNamespace(tets=range(int(tets)))
+
+
+@pytest.mark.parametrize(
+    "target", [1500, 5000, 14_724, 40_000, 90_000, 280_148, 294_231, 1_120_591]
+)
+def test_a_count_is_met_with_few_large_meshes(target):
+    mesher = StaircaseMesher()
+    mesh = mesh_by_count(mesher, BOX, target, lambda word: None)
+    assert len(mesh.tets) == pytest.approx(target, rel=0.05)
+    large = [count for count in mesher.counts if count > target / 4]
+    if target > 40_000:
+        assert len(large) <= 5
+        assert len(mesher.counts) <= 25
+
+
+def test_the_best_mesh_is_returned_and_the_search_stops_early():
+    mesher = StaircaseMesher(noise=0.0)
+    edge_length, mesh, counts = search(mesher, 0.02, 20_000, 12)
+    assert counts == mesher.counts
+    assert abs(len(mesh.tets) / 20_000 - 1) == min(abs(n / 20_000 - 1) for n in counts) <= 0.03
+    assert all(abs(n / 20_000 - 1) > 0.03 for n in counts[:-1])
+    assert len(mesher(edge_length).tets) == len(mesh.tets)
+
+
+def test_a_count_in_a_sharp_jump_is_refused_with_the_nearest_ones():
+    mesher = StaircaseMesher(noise=0.0, width=1e-9)
+    below, above = (len(mesher(0.0235 * (1 + sign * 1e-6)).tets) for sign in (1, -1))
+    assert above / below > 1.8
+    with pytest.raises(NotConverged, match=f"no mesh of {int(1.4 * below):,} tets") as caught:
+        mesh_by_count(mesher, BOX, int(1.4 * below), lambda word: None)
+    counts = np.array(caught.value.history)
+    assert abs(counts - below).min() / below < 0.03 and abs(counts - above).min() / above < 0.03
+
+
+@pytest.mark.parametrize("tets", [100, 10_000, 10_000_000])
+def test_the_first_guess_inverts_the_count(tets):
+    assert BOX.count(BOX.edge_length(tets)) == pytest.approx(tets, rel=1e-9)
