@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meshes.errors import InvalidCase
 from topopt import elasticity_kernels as kernels
-from topopt.geometry import mass_product, tet_geometry
+from topopt.assembly import Assembler
+from topopt.geometry import mass_product, morton_order, tet_geometry
 from topopt.interpolation import stiffness_factor
-from topopt.linear_solver import DirectSolver, PyamgSolver, rigid_body_modes
-from topopt.weak_form import assemble_stiffness
+from topopt.linear_solver import make_solver, rigid_body_modes
+from topopt.weak_form import WeakFormAssembler
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,8 @@ class ElasticModel:
         Its material and gravity are used.
     conditions : BoundaryConditions
     solver : {"auto", "multigrid", "pyamg", "direct"}
+        See `linear_solver.make_solver`. With "direct" the matrix too comes from the reference,
+        scikit-fem.
 
     Attributes
     ----------
@@ -76,19 +78,36 @@ class ElasticModel:
         self.gravity = np.asarray(problem.gravity, dtype=float)
         self.conditions = conditions
         self.geometry = tet_geometry(mesh)
-        self._solver = self._make_solver(solver)
+        if solver == "direct":
+            self._order, self._tet_order = np.arange(len(mesh.points)), np.arange(len(mesh.tets))
+            self._assembler = WeakFormAssembler(mesh, self.material, conditions.fixed)
+        else:
+            self._set_up_gathering()
+        reference = self._assembler.assemble(np.ones(len(mesh.tets)))
+        points, fixed = mesh.points[self._order], conditions.fixed[self._order]
+        self._solver = make_solver(solver, reference, rigid_body_modes(points, fixed))
 
     @property
     def volumes(self):
         return self.geometry.volumes
 
-    def _make_solver(self, name):
-        modes = rigid_body_modes(self.mesh.points, self.conditions.fixed)
-        if name == "direct":
-            return DirectSolver()
-        if name in ("pyamg", "auto"):
-            return PyamgSolver(modes)
-        raise InvalidCase(f"solver: must be auto, multigrid, pyamg or direct, got {name!r}")
+    def _set_up_gathering(self):
+        """Number the nodes along a Morton curve, sort the tets by them, and prepare to gather.
+
+        The solver's k-th node is the mesh's order[k]-th, its k-th tet the mesh's tet_order[k]-th.
+        """
+        self._order = morton_order(self.mesh.points)
+        place = np.empty_like(self._order)
+        place[self._order] = np.arange(len(place))
+        tets = place[self.mesh.tets]
+        self._tet_order = np.argsort(tets.min(axis=1), kind="stable")
+        self._assembler = Assembler(
+            tets[self._tet_order],
+            self.geometry.volumes[self._tet_order],
+            self.geometry.gradients[self._tet_order],
+            self.material,
+            self.conditions.fixed[self._order],
+        )
 
     def body_force(self, phi):
         """Nodal forces (n, 3) [N] of the weight of the material: int phi rho G N_i."""
@@ -104,11 +123,6 @@ class ElasticModel:
         """All nodal forces (n, 3) [N] at the free degrees of freedom; 0 at the fixed ones."""
         forces = self.conditions.forces + self.body_force(phi)
         return np.where(self.conditions.fixed, 0.0, forces)
-
-    def stiffness(self, phi):
-        """The stiffness matrix (3 n, 3 n) [N/m], fixed degrees of freedom taken out."""
-        factor = stiffness_factor(phi, self.mesh.tets, self.material.void_ratio)
-        return assemble_stiffness(self.mesh, self.material, factor, self.conditions.fixed)
 
     def solve(self, phi, start=None, tolerance=1e-6):
         """Displacement, compliance and energy density for nodal values phi (n,).
@@ -132,24 +146,27 @@ class ElasticModel:
         """
         began = time.perf_counter()
         forces = self.forces(phi)
-        matrix = self.stiffness(phi)
+        factor = stiffness_factor(phi, self.mesh.tets, self.material.void_ratio)
+        matrix = self._assembler.assemble(factor[self._tet_order])
         assembled = time.perf_counter()
         self._solver.update(matrix)
         prepared = time.perf_counter()
-        solution = self._solver.solve(forces, start, tolerance)
-        solved = time.perf_counter()
-        displacement = solution.displacement
+        solution = self._solver.solve(
+            forces[self._order], None if start is None else start[self._order], tolerance
+        )
+        seconds = (assembled - began, prepared - assembled, time.perf_counter() - prepared)
+        displacement = np.empty_like(forces)
+        displacement[self._order] = solution.displacement
+        second_order = float(np.vdot(solution.residual_vector, solution.displacement))
         return State(
             displacement,
-            float(np.vdot(forces + solution.residual_vector, displacement)),
+            float(np.vdot(forces, displacement)) + second_order,
             self.energy_density(displacement),
             solution.iterations,
             solution.history[-1],
             solution.error_energy,
             solution.solver,
-            assembled - began,
-            prepared - assembled,
-            solved - prepared,
+            *seconds,
         )
 
     def energy_density(self, displacement):

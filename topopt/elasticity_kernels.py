@@ -3,7 +3,7 @@
 from numba import njit, prange
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, forceinline=True, error_model="numpy")
 def _strain(displacement, tets, gradients, e):
     """The six components xx, yy, zz, xy, yz, zx of the symmetric gradient on tet e."""
     xx = yy = zz = xy = yz = zx = 0.0

@@ -1,4 +1,4 @@
-"""The slot for the linear solver of the state problem, and two of its occupants.
+"""The slot for the linear solver of the state problem, and who can take it.
 
 A solver is made once per mesh, takes the numbers of the matrix anew in every step (`update`), and
 solves for as many right sides as are asked for (`solve`). Whoever keeps to the `LinearSolver`
@@ -6,7 +6,6 @@ protocol can take the slot without the optimiser knowing.
 """
 
 import logging
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -14,35 +13,49 @@ import pyamg
 from scipy.sparse import bsr_matrix
 from scipy.sparse.linalg import splu
 
-from meshes.errors import NotConverged
+from meshes.errors import InvalidCase, NotConverged
+from topopt.multigrid import MultigridSolver
+from topopt.solution import Solution
 
 log = logging.getLogger("phasemesh")
 
+SOLVERS = ("auto", "multigrid", "pyamg", "direct")
+SMALL = 3_000  # unknowns up to which `auto` factorises
+FACTORISABLE = 200_000  # unknowns beyond which a factorisation of a solid needs too much memory
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """What a linear solver hands back.
+
+def make_solver(name, reference, modes):
+    """Put a solver into the slot.
 
     Parameters
     ----------
-    displacement : (n, 3) float array [m]
-    residual_vector : (n, 3) float array [N]
-        f - K u, computed from the displacement itself.
-    iterations : int
-    history : tuple of float
-        Relative residual norms, oldest first.
-    error_energy : float [J]
-        r . B r, an estimate of the squared energy norm r . K^-1 r of the error.
-    solver : str
-        Who solved it.
-    """
+    name : {"auto", "multigrid", "pyamg", "direct"}
+        `auto` factorises small systems, takes multigrid for the rest, and falls back from
+        multigrid to pyamg to the factorisation where one stalls; the others stand for themselves.
+    reference : scipy.sparse.bsr_array, (3 n, 3 n) in 3 x 3 blocks [N/m]
+        The matrix of the uniform material, with the pattern of all matrices to come.
+    modes : (n, 3, 6) float array
+        Rigid-body modes, zero at the fixed degrees of freedom.
 
-    displacement: np.ndarray
-    residual_vector: np.ndarray
-    iterations: int
-    history: tuple[float, ...]
-    error_energy: float
-    solver: str
+    Raises
+    ------
+    InvalidCase
+        If there is no solver of that name.
+    """
+    makers = {
+        "multigrid": lambda: MultigridSolver(reference, modes),
+        "pyamg": lambda: PyamgSolver(modes),
+        "direct": DirectSolver,
+    }
+    if name in makers:
+        return makers[name]()
+    if name != "auto":
+        raise InvalidCase(f"solver: must be one of {', '.join(SOLVERS)}, got {name!r}.")
+    unknowns = reference.shape[0]
+    if unknowns <= SMALL:
+        return DirectSolver()
+    names = ("multigrid", "pyamg", "direct") if unknowns <= FACTORISABLE else ("multigrid", "pyamg")
+    return FallbackSolver([makers[n] for n in names])
 
 
 class LinearSolver(Protocol):
@@ -153,6 +166,46 @@ class PyamgSolver:
             max(float(residual @ preconditioned), 0.0),
             self.name,
         )
+
+
+class FallbackSolver:
+    """Tries one solver after the other, first to last, until one converges.
+
+    Every matrix starts again with the first, so that an answer does not depend on earlier ones.
+
+    Parameters
+    ----------
+    makers : sequence of functions without arguments that make a LinearSolver
+        Called when the solver is first needed.
+    """
+
+    name = "auto"
+
+    def __init__(self, makers):
+        self._makers = list(makers)
+        self._solvers = [self._makers[0](), *[None] * (len(self._makers) - 1)]
+
+    def update(self, matrix):
+        self._matrix = matrix
+        self._ready = -1  # the last solver that has taken this matrix
+
+    def solve(self, right_side, start=None, tolerance=1e-6):
+        for k in range(len(self._makers)):
+            try:
+                self._prepare(k)
+                return self._solvers[k].solve(right_side, start, tolerance)
+            except NotConverged as stalled:
+                if k + 1 == len(self._makers):
+                    raise
+                log.warning("%s Falling back to the next solver.", stalled)
+        raise AssertionError("no solver to try")
+
+    def _prepare(self, k):
+        if self._ready < k:
+            if self._solvers[k] is None:
+                self._solvers[k] = self._makers[k]()
+            self._solvers[k].update(self._matrix)
+            self._ready = k
 
 
 def rigid_body_modes(points, fixed):

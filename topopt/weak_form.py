@@ -30,31 +30,30 @@ def elasticity_form(material):
     return form
 
 
-def assemble_stiffness(mesh, material, factor, fixed):
-    """Stiffness matrix with the fixed degrees of freedom taken out.
+class WeakFormAssembler:
+    """Assembles the stiffness matrix with scikit-fem; the slow twin of `assembly.Assembler`.
 
     Parameters
     ----------
     mesh : TetMesh
     material : Material
-    factor : (m,) float array
-        r + (1 - r) mean(phi^3) on each tet.
     fixed : (n, 3) bool array
-        Their rows and columns are zeroed; the diagonal entry is kept.
-
-    Returns
-    -------
-    scipy.sparse.bsr_array, (3 n, 3 n) in 3 x 3 blocks [N/m]
+        Rows and columns that are zeroed; the diagonal entry is kept.
     """
-    basis = vector_basis(mesh)
-    field = basis.with_element(ElementTetP0()).interpolate(factor)
-    matrix = elasticity_form(material).assemble(basis, factor=field).tocoo()
-    node_major = np.empty(basis.N, np.int64)
-    node_major[basis.nodal_dofs.T.ravel()] = np.arange(basis.N)
-    rows, columns = node_major[matrix.row], node_major[matrix.col]
-    held = fixed.ravel()
-    keep = (rows == columns) | ~(held[rows] | held[columns])
-    data = np.where(keep, matrix.data, 0.0)
-    return bsr_array(
-        bsr_array((data, (rows, columns)), shape=matrix.shape, blocksize=(3, 3)), dtype=float
-    )
+
+    def __init__(self, mesh, material, fixed):
+        self._basis = vector_basis(mesh)
+        self._constants = self._basis.with_element(ElementTetP0())
+        self._form = elasticity_form(material)
+        self._held = np.asarray(fixed).ravel()
+        self._node_major = np.empty(self._basis.N, np.int64)
+        self._node_major[self._basis.nodal_dofs.T.ravel()] = np.arange(self._basis.N)
+
+    def assemble(self, factor):
+        """Return the stiffness matrix for factors c (m,): bsr_array (3 n, 3 n) [N/m]."""
+        field = self._constants.interpolate(factor)
+        matrix = self._form.assemble(self._basis, factor=field).tocoo()
+        rows, columns = self._node_major[matrix.row], self._node_major[matrix.col]
+        keep = (rows == columns) | ~(self._held[rows] | self._held[columns])
+        data = np.where(keep, matrix.data, 0.0)
+        return bsr_array((data, (rows, columns)), shape=matrix.shape, blocksize=(3, 3))
