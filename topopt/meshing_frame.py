@@ -20,6 +20,7 @@ from topopt.meshing_flat import flat_parts
 from topopt.problem import BoxDomain, SurfaceDomain
 
 DIGITS = 12
+NO_VOLUME = 1e-9  # of the cube over the longest side
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +70,9 @@ class Frame:
 
     def to_metres(self, points):
         """Points (n, 3) of the frame in metres."""
-        sides = self.points.max(axis=0)
+        if not self.exact:
+            return self.lower + points * self.scale
+        sides = self.points.max(axis=0)  # rounded: a factor for each axis keeps the box exact
         return self.lower + points / sides * (self.upper - self.lower)
 
     def plane_in_metres(self, plane):
@@ -128,22 +131,27 @@ def _box_frame(domain):
 
 
 def _surface_frame(surface):
-    _check_closed(surface)
-    lower, upper = surface.points.min(axis=0), surface.points.max(axis=0)
-    scale = (upper - lower).max()
-    points = np.round((surface.points - lower) / scale, DIGITS)
-    faces = surface.faces
-    if signed_volume(TriMesh(points, faces)) < 0:
-        faces = faces[:, ::-1]
+    used, faces = np.unique(surface.faces, return_inverse=True)
+    corners, faces = surface.points[used], faces.reshape(-1, 3).astype(np.int32)
+    _check_closed(corners, faces)
+    lower, upper = corners.min(axis=0), corners.max(axis=0)
+    points = np.round((corners - lower) / (upper - lower).max(), DIGITS)
+    volume = signed_volume(TriMesh(points, faces))
+    if abs(volume) <= NO_VOLUME:
+        raise InvalidCase("the domain's surface bounds no solid: it encloses no volume.")
+    if volume < 0:
+        faces = np.ascontiguousarray(faces[:, ::-1])
     planes, widths, face_plane = flat_parts(points, faces)
     names = tuple(f"plane{k + 1}" for k in range(len(planes)))
     return Frame(points, faces, planes, widths, names, face_plane, False, lower, upper)
 
 
-def _check_closed(surface):
+def _check_closed(points, faces):
     """Raise InvalidCase unless a surface bounds a solid."""
-    found = topology(surface.faces, len(surface.points))
+    found = topology(faces, len(points))
     problems = (
+        (not len(faces), "no faces: give a closed surface"),
+        (int((~np.isfinite(points)).any(axis=1).sum()), "vertices that are NaN or infinite"),
         (found.boundary_edges, "open boundary edges: close its holes"),
         (found.nonmanifold_edges, "edges with more than two faces: make it manifold"),
         (found.nonmanifold_vertices, "vertices where parts of it only touch: separate them"),
@@ -154,7 +162,9 @@ def _check_closed(surface):
         if count:
             number = "" if isinstance(count, bool) else f"{count} "
             raise InvalidCase(f"the domain's surface bounds no solid: it has {number}{what}.")
-    crossing = int(self_intersecting_faces(surface.points, surface.faces).sum())
+    if not np.ptp(points, axis=0).all():
+        raise InvalidCase("the domain's surface bounds no solid: it is flat.")
+    crossing = int(self_intersecting_faces(points, faces).sum())
     if crossing:
         raise InvalidCase(
             f"the domain's surface cuts itself in {crossing} faces; repair it in the program it "

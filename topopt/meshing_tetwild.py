@@ -27,6 +27,7 @@ EPSILON = 1e-3  # envelope, in units of the bounding box's diagonal
 TRIES = 3
 EXACT_VOLUME = 1e-12  # relative error of a box's volume
 CREASE_ANGLE = np.radians(40.0)  # curved patches end where faces turn by more
+NARROWEST = 0.5  # width of flat parts that are snapped, in edge lengths
 MORTON_BITS = 21
 WORKER = Path(__file__).with_name("meshing_worker.py")
 
@@ -130,7 +131,7 @@ def finish(frame, edge_length, points, tets):
     points, tets = ordered(points, tets)
     facets = boundary_facets(tets)
     facets = facets[morton_order(points[facets].mean(axis=1), MORTON_BITS)]
-    wide = [k for k, width in enumerate(frame.widths) if width >= 2.0 * edge_length]
+    wide = [k for k, width in enumerate(frame.widths) if width >= NARROWEST * edge_length]
     planes = [frame.planes[k] for k in wide]
     envelope = 2.0 * EPSILON * float(np.linalg.norm(np.ptp(frame.points, axis=0)))
     plane_of = facets_on_planes(points, facets, planes, envelope)
