@@ -7,7 +7,8 @@ everywhere. So an edge counts as a crease only
 1. if the turn is there in the raw normals and in normals averaged once over each face and its
    neighbours (neighbours across a sharp turn count little, so that a crease stays sharp),
 2. and if the connected net of candidates it belongs to has at most one loose end for every
-   `EDGES_PER_END` edges (an end on an open boundary is not loose),
+   `EDGES_PER_END` edges (an end on an open boundary is not loose); where most candidates fail
+   this, in `NOISY_NETS` nets or more, also if its net is larger than all those that failed,
 3. and if that net is no speck: fewer than `SPECK_EDGES` edges in the middle of a smooth patch,
    unless it bounds planar patches as a box or a prism does.
 
@@ -19,10 +20,11 @@ import numpy as np
 
 from meshes.patch import Patch, Plane
 from meshes.quality import area_vectors, normalised
-from meshes.topology import _components, angle_between, edge_table, feature_mask
+from meshes.topology import angle_between, components, edge_table, feature_mask
 from meshes.tri_mesh import TriMesh
 
 EDGES_PER_END = 15
+NOISY_NETS = 10
 SPECK_EDGES = 20
 SPECK_RATIO = 10  # faces around a speck for every face inside
 SPUR_EDGES = 3
@@ -90,12 +92,16 @@ def _averaged_normals(normals, area, pairs):
 def _connected_nets(crease, given, edges, n_points):
     """The creases whose net has few loose ends."""
     chosen = edges[crease]
-    _, net = _components(chosen[:, 0], chosen[:, 1], n_points)
+    _, net = components(chosen[:, 0], chosen[:, 1], n_points)
     loose = _loose_ends(crease, given, edges, n_points)
     ends = np.bincount(net, loose, minlength=n_points)
     size = np.bincount(net[chosen[:, 0]], minlength=n_points)
+    clean = EDGES_PER_END * ends <= size
+    failed = size[~clean]
+    if len(failed) >= NOISY_NETS and 2 * failed.sum() > size.sum():
+        clean &= size > failed.max()
     kept = crease.copy()
-    kept[crease] = (EDGES_PER_END * ends <= size)[net[chosen[:, 0]]]
+    kept[crease] = clean[net[chosen[:, 0]]]
     return kept
 
 
@@ -123,7 +129,7 @@ def _patches(table, feature, n_faces):
     """Number (m,) the sets of faces connected across edges that are no features."""
     inner, pairs = table.face_pairs()
     pairs = pairs[~feature[inner]]
-    _, label = _components(pairs[:, 0], pairs[:, 1], n_faces)
+    _, label = components(pairs[:, 0], pairs[:, 1], n_faces)
     return label
 
 
@@ -132,14 +138,13 @@ def _without_specks(mesh, crease, given, table, label):
     edges = table.edges
     touched = crease | given
     chosen = edges[touched]
-    _, net = _components(chosen[:, 0], chosen[:, 1], len(mesh.points))
+    _, net = components(chosen[:, 0], chosen[:, 1], len(mesh.points))
     size = np.bincount(net[chosen[:, 0]], minlength=len(mesh.points))
     small = np.flatnonzero((size > 0) & (size < SPECK_EDGES))
     if len(small) == 0:
         return crease
-    faces_of = np.bincount(label)
     inner, pairs = table.face_pairs()
-    planar = {}
+    members_of = _Patches(mesh, label)
     kept = crease.copy()
     net_of_edge = np.where(touched, net[edges[:, 0]], -1)
     pair_of_edge = np.full((len(edges), 2), -1)
@@ -149,34 +154,44 @@ def _without_specks(mesh, crease, given, table, label):
     for number in small:
         members = order[slice(*np.searchsorted(ordered, [number, number + 1]))]
         sides = np.unique(label[pair_of_edge[members][pair_of_edge[members] >= 0]])
-        if _is_speck(mesh, label, sides, faces_of, planar):
+        if members_of.speck(sides):
             kept[members] = False
     return kept & crease
 
 
-def _is_speck(mesh, label, sides, faces_of, planar):
-    """Whether the patches `sides` around a small net are one large one and specks in it."""
-    if len(sides) == 0:
-        return False
-    largest = sides[np.argmax(faces_of[sides])]
-    inside = sides[sides != largest]
-    if faces_of[largest] <= SPECK_RATIO * (faces_of[inside].sum() + 1):
-        return False
-    for patch in inside:
-        if patch not in planar:
-            planar[patch] = _plane(mesh, label == patch) is not None
-    flat = sum(faces_of[patch] > 1 and planar[patch] for patch in inside)
-    return flat < max(BOX_PATCHES, len(inside))
+class _Patches:
+    """The faces of every patch, and the planes of those that are asked for."""
+
+    def __init__(self, mesh, label):
+        self.mesh = mesh
+        self.size = np.bincount(label)
+        self._order = np.argsort(label, kind="stable")
+        self._start = np.concatenate([[0], np.cumsum(self.size)])
+        self._planes = {}
+
+    def plane(self, patch):
+        """The plane of a patch, or None."""
+        if patch not in self._planes:
+            chosen = self._order[self._start[patch] : self._start[patch + 1]]
+            self._planes[patch] = _plane(self.mesh, chosen)
+        return self._planes[patch]
+
+    def speck(self, sides):
+        """Whether the patches `sides` around a small net are one large one and specks in it."""
+        if len(sides) == 0:
+            return False
+        largest = sides[np.argmax(self.size[sides])]
+        inside = sides[sides != largest]
+        if self.size[largest] <= SPECK_RATIO * (self.size[inside].sum() + 1):
+            return False
+        flat = sum(self.size[patch] > 1 and self.plane(patch) is not None for patch in inside)
+        return flat < max(BOX_PATCHES, len(inside))
 
 
 def _named(mesh, label):
     """A Patch for every label, planar ones with their plane."""
-    order = np.argsort(label, kind="stable")
-    bounds = np.searchsorted(label[order], np.arange(label.max(initial=-1) + 2))
-    return tuple(
-        Patch(f"patch {k}", _plane(mesh, order[bounds[k] : bounds[k + 1]]))
-        for k in range(len(bounds) - 1)
-    )
+    patches = _Patches(mesh, label)
+    return tuple(Patch(f"patch {k}", patches.plane(k)) for k in range(len(patches.size)))
 
 
 def _plane(mesh, chosen):

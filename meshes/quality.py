@@ -157,9 +157,10 @@ def signed_volume(mesh):
     """
     if len(mesh.faces) == 0:
         return 0.0
-    used = mesh.points[mesh.faces]
-    a, b, c = np.moveaxis(used - 0.5 * (used.min(axis=(0, 1)) + used.max(axis=(0, 1))), 1, 0)
-    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+    a, b, c = (mesh.points[mesh.faces[:, k]] for k in range(3))
+    middle = a.mean(axis=0)
+    triple = np.einsum("ij,ij->i", a - middle, np.cross(b - middle, c - middle))
+    return float(triple.sum() / 6.0)
 
 
 def degenerate_faces(mesh):

