@@ -3,7 +3,7 @@
 import numpy as np
 
 from cases.surface_files import surface_figures
-from cases.surface_stages import sigma_length
+from cases.targets import sigma_length
 
 
 def quality(run):

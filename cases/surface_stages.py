@@ -6,7 +6,6 @@ Every stage has `run` (make the product and write its files; returns what to tel
 
 import logging
 
-from cases import quantities
 from isosurface import (
     SmoothingSettings,
     drop_islands,
@@ -100,13 +99,6 @@ class SmoothStage:
     def load(self, run):
         run.smoothed = read_surface(run.folder / "smoothed.ply")
         run.figures["smooth"] = {}
-
-
-def sigma_length(sigma, diagonal):
-    """The weight of the normals [m] that `remesh.sigma` of the case means."""
-    if quantities.is_absolute(sigma):
-        return quantities.length(sigma)
-    return sigma * diagonal
 
 
 def _counted(surface):
