@@ -40,7 +40,7 @@ def offset_directions(surface, structure):
     """Displacements (n, 3) that offset the smooth faces by 1 along their normals.
 
     Vertices of curves and symmetry planes move within their planes, so far that their smooth faces
-    are offset by 1 too; corners, and vertices inside caps, do not move.
+    are offset by 1 too; corners, and vertices inside planar labels, do not move.
     """
     area = area_vectors(surface.points, surface.faces)
     normals = np.zeros(surface.points.shape)

@@ -7,7 +7,13 @@ import numpy as np
 from isosurface.folds import FoldCheck
 from isosurface.offset import modelled_volume, offset_directions, offset_to_volume
 from isosurface.structure import surface_structure
-from isosurface.taubin import THESIS_FACTORS, THESIS_PAIRS, pass_band_factors, taubin_filter
+from isosurface.taubin import (
+    THESIS_FACTORS,
+    THESIS_PAIRS,
+    follow_rims,
+    pass_band_factors,
+    taubin_filter,
+)
 from meshes import InvalidCase
 from meshes.quality import triangle_angles
 
@@ -132,8 +138,8 @@ def smooth(surface, settings=None, symmetry=()):
 
     Notes
     -----
-    Vertices inside caps stay in their plane, rims (label boundaries) are smoothed along their curve
-    in the cap's plane, corners do not move. Thesis section 3.3.
+    Rims (label boundaries) are smoothed along their curve in the cap's plane, vertices inside caps
+    follow them in that plane, corners do not move. Thesis section 3.3.
     """
     settings = SmoothingSettings() if settings is None else settings
     structure = surface_structure(surface, symmetry)
@@ -172,6 +178,7 @@ def _restore(surface, points, held, check, structure, settings, symmetry):
     volume = settings.target_volume
     volume = modelled_volume(surface, symmetry) if volume is None else volume
     directions = offset_directions(surface.with_points(points), structure)
+    directions = follow_rims(structure, directions)
     for _ in range(RESTORE_ROUNDS):
         start = surface.with_points(points)
         moved, offset = offset_to_volume(start, directions, volume, symmetry)

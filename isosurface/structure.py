@@ -31,6 +31,8 @@ class Structure:
         edges are the table's edges, and then the same reversed.
     smooth_faces : (m,) bool array
         Faces whose label has no plane.
+    within_plane : (n,) bool array
+        Vertices inside planar labels, off their curves.
     normals : (q, 3) float array
         Normals of the planar labels, then of the symmetry planes.
     on_plane : (n, q) bool array
@@ -44,6 +46,7 @@ class Structure:
     on_symmetry: np.ndarray
     multiplicity: np.ndarray
     smooth_faces: np.ndarray
+    within_plane: np.ndarray
     normals: np.ndarray
     on_plane: np.ndarray
 
@@ -75,6 +78,7 @@ def surface_structure(surface, symmetry=()):
         on_symmetry=on_symmetry,
         multiplicity=multiplicity,
         smooth_faces=~np.isin(surface.face_labels, planar),
+        within_plane=on_plane[:, : len(planar)].any(axis=1) & (degree == 0),
         normals=np.array(normals, dtype=float).reshape(-1, 3),
         on_plane=on_plane,
     )

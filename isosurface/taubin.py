@@ -13,6 +13,9 @@ from meshes import InvalidCase
 
 THESIS_FACTORS = (0.40, -0.50)
 THESIS_PAIRS = 40
+# The mean of a curve's two neighbours pulls twice as hard on a wave along the curve as the mean of
+# six around a vertex of the surface; so both let pass the same waves.
+CURVE_WEIGHT = 0.5
 
 
 def pass_band_factors(shrink=0.63, pass_band=0.1):
@@ -46,14 +49,35 @@ def taubin_filter(surface, factors, pairs, symmetry=(), structure=None):
 
     Notes
     -----
-    Vertices of planar labels and of symmetry planes stay in them; vertices of curves are filtered
-    along their curve alone, between its two neighbours; corners do not move.
+    Vertices of symmetry planes stay in them; vertices of curves are filtered along their curve
+    alone, between its two neighbours, and so stay in the planes beside it; corners do not move.
+    Vertices inside planar labels have no noise to lose: they follow their rim.
     """
     structure = surface_structure(surface, symmetry) if structure is None else structure
     average = averaging_matrix(structure)
     constraints = Constraints(structure)
+    weight = np.where(structure.on_curve, CURVE_WEIGHT, 1.0)[:, None]
+    weight[structure.within_plane] = 0.0
     points = np.array(surface.points)
     for _ in range(pairs):
         for factor in factors:
-            points += constraints.apply(factor * (average @ points - points))
-    return points
+            points += constraints.apply(factor * weight * (average @ points - points))
+    return surface.points + follow_rims(structure, points - surface.points)
+
+
+def follow_rims(structure, displacement, sweeps=30):
+    """Carry the displacements (n, 3) of rims into the planar labels inside them.
+
+    Every vertex inside a planar label moves by the mean of its neighbours' displacements (a
+    harmonic function, from Jacobi sweeps), so that its triangles deform little.
+    """
+    within = np.flatnonzero(structure.within_plane)
+    if len(within) == 0:
+        return displacement
+    average = averaging_matrix(structure)[within]
+    constraints = Constraints(structure)
+    displacement = np.array(displacement)
+    for _ in range(sweeps):
+        displacement[within] = average @ displacement
+        constraints.apply(displacement)
+    return displacement
