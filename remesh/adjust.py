@@ -1,0 +1,328 @@
+"""Least-squares fit of the vertices to the surface, and the uniform offset for the volume.
+
+Vertices on a curved surface with straight edges inside lose volume. Here every triangle is
+sampled, the gap from each sample to the surface is one equation for the displacements of the
+triangle's corners, and conjugate gradients solve the damped normal equations
+
+    min sum_s w_s ((sum_i b_si d_i) . N_s - gap_s)^2
+        + sum_v D_v (damping |d_v|^2 + tangential |d_v - (d_v . n_v) n_v|^2)
+        + ridge * sum_edges D_e ((o_i + s_i) - (o_j + s_j))^2,    s = d . n,
+
+D the diagonal of the first sum, o the vertices' present offsets.
+"""
+
+import numpy as np
+
+from meshes.quality import signed_volume
+from remesh.compiled import kernel
+from remesh.connectivity import (
+    BASE,
+    HINT,
+    INTERIOR,
+    KIND,
+    MAX_RING,
+    OFFSET,
+    ROWS,
+    ring,
+)
+from remesh.embedding import triangle_normal
+from remesh.guard import fan_quality, no_worse
+from remesh.nearest import closest, point_and_normal
+
+DAMPING = 1e-3
+TOLERANCE = 1e-5
+HALVINGS = 4
+
+
+def barycentric_samples(order):
+    """Centroids (order^2, 3) of the triangles that order^2 equal parts of a triangle are."""
+    points = []
+    for i in range(order):
+        for j in range(order - i):
+            points.append(((3 * i + 1) / (3 * order), (3 * j + 1) / (3 * order)))
+            if i + j < order - 1:
+                points.append(((3 * i + 2) / (3 * order), (3 * j + 2) / (3 * order)))
+    u, v = np.array(points).T
+    return np.stack([u, v, 1.0 - u - v], axis=1)
+
+
+def free_rows(work):
+    """Rows (n,) bool of vertices that may leave the carrier: inside smooth patches."""
+    used = int(work.counts[ROWS])
+    planar = np.array([patch.plane is not None for patch in work.carrier.mesh.labels])
+    links = work.links[:used]
+    on_plane = planar[work.carrier.mesh.face_labels[links[:, HINT]]]
+    return (links[:, KIND] == INTERIOR) & (links[:, BASE] == np.arange(used)) & ~on_plane
+
+
+def fit_vertices(
+    work, gaps, sigma, limits, tangential=0.05, ridge=0.0, order=2, normal_only=False, steps=40
+):
+    """Move vertices so that the triangles, not the vertices, lie on the surface on average.
+
+    Parameters
+    ----------
+    work : WorkMesh
+        Compacted here.
+    gaps : callable
+        gaps(rows, corners, samples, own) -> (normals (k, 3), gaps (k,)): at each sample of each
+        triangle a unit normal of the surface and the gap to it along that normal; with `own` the
+        normal of the triangle itself.
+    sigma : float [unit of the points]
+        Of the 6D angles that `limits` speaks of.
+    limits : (angle6, angle3, agreement)
+        A step is halved where a triangle would fall below these and below what it was.
+    tangential : float
+        Damping of moves along the surface.
+    ridge : float
+        Weight of differences of the offsets across edges.
+    order : int
+        order^2 samples per triangle.
+    normal_only : bool
+        Move along the normals alone.
+    steps : int
+        Most iterations of conjugate gradients.
+
+    Returns
+    -------
+    int
+        Number of vertices whose step was cut.
+    """
+    work.compact()
+    used = int(work.counts[ROWS])
+    corners, _ = work.corner_rows()
+    corners = np.ascontiguousarray(corners)
+    rows = work.rows[:used]
+    free = free_rows(work)
+    if not free.any():
+        return 0
+    samples = barycentric_samples(order)
+    normals, gap = gaps(work, corners, samples, normal_only)
+    weights = np.sqrt(twice_areas(rows, corners))
+    step = np.zeros((used, 3))
+    solve_fit(
+        rows, corners, samples, weights, normals, gap, free, tangential, ridge,
+        0.0 if normal_only else 1.0, steps, step,
+    )  # fmt: skip
+    return take_steps(work, free, step, sigma, limits)
+
+
+def take_steps(work, free, step, sigma, limits):
+    """Move the free rows by `step` (n, 3) as far as `limits` allow; return how many were cut."""
+    used = len(free)
+    cut = apply_steps(
+        work.halves, work.links, work.rows, used, free, step, sigma**2, np.asarray(limits, float)
+    )
+    refresh_feet(work.links, work.rows, used, free, work.carrier.reference)
+    return cut
+
+
+def match_volume(work, volume):
+    """Offset all free vertices by one distance along their normals, so that the volume is met.
+
+    Closed meshes only; returns the distance.
+    """
+    work.compact()
+    free = np.flatnonzero(free_rows(work))
+    total = 0.0
+    if len(free) == 0:
+        return total
+    for _ in range(2):
+        mesh, bases = work.to_mesh()
+        number = np.full(len(work.rows), -1)
+        number[bases] = np.arange(len(bases))
+        points = mesh.points.copy()
+        points[number[free]] += 1e-3 * mesh.diagonal * work.rows[free, 3:6]
+        now = signed_volume(mesh)
+        slope = (signed_volume(mesh.with_points(points)) - now) / (1e-3 * mesh.diagonal)
+        if slope <= 0.0:
+            break
+        distance = (volume - now) / slope
+        work.rows[free, :3] += distance * work.rows[free, 3:6]
+        work.rows[free, OFFSET] += distance
+        total += distance
+    return total
+
+
+def twice_areas(rows, corners):
+    """Twice the area (m,) of triangles of rows."""
+    a, b, c = (rows[corners[:, k], :3] for k in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+@kernel
+def accumulate(rows, corners, samples, weights, normals, gap, right, diagonal):
+    """Right side (n, 3) and diagonal (n,) of the normal equations."""
+    per = samples.shape[0]
+    for t in range(corners.shape[0]):
+        for s in range(per):
+            r = t * per + s
+            for k in range(3):
+                v = corners[t, k]
+                b = samples[s, k] * weights[t]
+                diagonal[v] += b * b
+                for z in range(3):
+                    right[v, z] += b * weights[t] * gap[r] * normals[r, z]
+
+
+@kernel
+def edge_weights(corners, diagonal, ridge, rows, out, total, right):
+    """Weights (m, 3) of the ridge at each triangle's edges, their sum at each vertex; right side."""
+    for t in range(corners.shape[0]):
+        for k in range(3):
+            i, j = corners[t, k], corners[t, (k + 1) % 3]
+            w = 0.125 * ridge * (diagonal[i] + diagonal[j])
+            out[t, k] = w
+            total[i] += w
+            total[j] += w
+            q = w * (rows[i, OFFSET] - rows[j, OFFSET])
+            for z in range(3):
+                right[i, z] -= q * rows[i, 3 + z]
+                right[j, z] += q * rows[j, 3 + z]
+
+
+@kernel
+def apply_operator(
+    rows, corners, samples, weights, normals, diagonal, ridges, tangential, x, along, y
+):
+    """y = (normal equations' matrix) x; `along` (n,) is scratch for x . n."""
+    n = x.shape[0]
+    for v in range(n):
+        s = x[v, 0] * rows[v, 3] + x[v, 1] * rows[v, 4] + x[v, 2] * rows[v, 5]
+        along[v] = s
+        for z in range(3):
+            y[v, z] = diagonal[v] * (
+                DAMPING * x[v, z] + tangential * (x[v, z] - s * rows[v, 3 + z])
+            )
+    per = samples.shape[0]
+    for t in range(corners.shape[0]):
+        a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
+        w2 = weights[t] * weights[t]
+        for s in range(per):
+            r = t * per + s
+            u, v, w = samples[s, 0], samples[s, 1], samples[s, 2]
+            value = 0.0
+            for z in range(3):
+                value += (u * x[a, z] + v * x[b, z] + w * x[c, z]) * normals[r, z]
+            value *= w2
+            for z in range(3):
+                f = value * normals[r, z]
+                y[a, z] += u * f
+                y[b, z] += v * f
+                y[c, z] += w * f
+        for k in range(3):
+            i, j = corners[t, k], corners[t, (k + 1) % 3]
+            q = ridges[t, k] * (along[i] - along[j])
+            for z in range(3):
+                y[i, z] += q * rows[i, 3 + z]
+                y[j, z] -= q * rows[j, 3 + z]
+
+
+@kernel
+def precondition(rows, free, diagonal, total, tangential, sideways, residual, out):
+    """out = diagonal preconditioner, normal and tangential apart; 0 on held rows."""
+    product = 0.0
+    for v in range(residual.shape[0]):
+        s = 0.0
+        for z in range(3):
+            s += residual[v, z] * rows[v, 3 + z]
+        along = 0.0
+        across = 0.0
+        if free[v] and diagonal[v] > 0.0:
+            along = 1.0 / (diagonal[v] * (1.0 + DAMPING) + total[v])
+            across = sideways / (diagonal[v] * (tangential + DAMPING + 0.08))
+        for z in range(3):
+            q = s * rows[v, 3 + z]
+            out[v, z] = q * along + (residual[v, z] - q) * across
+            product += out[v, z] * residual[v, z]
+    return product
+
+
+@kernel
+def solve_fit(
+    rows, corners, samples, weights, normals, gap, free, tangential, ridge, sideways, steps, x
+):
+    """Conjugate gradients for the displacements x (n, 3), which start at 0; returns the steps."""
+    n = x.shape[0]
+    residual, diagonal, total = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
+    ridges = np.zeros(corners.shape)
+    accumulate(rows, corners, samples, weights, normals, gap, residual, diagonal)
+    if ridge > 0.0:
+        edge_weights(corners, diagonal, ridge, rows, ridges, total, residual)
+    z, p, y, along = np.zeros((n, 3)), np.zeros((n, 3)), np.empty((n, 3)), np.empty(n)
+    first, before = 0.0, 1.0
+    for step in range(steps):
+        now = precondition(rows, free, diagonal, total, tangential, sideways, residual, z)
+        if step == 0:
+            first = now
+        if now <= TOLERANCE * first or now <= 0.0:
+            return step
+        beta = now / before if step > 0 else 0.0
+        before = now
+        for v in range(n):
+            for k in range(3):
+                p[v, k] = z[v, k] + beta * p[v, k]
+        apply_operator(
+            rows, corners, samples, weights, normals, diagonal, ridges, tangential, p, along, y
+        )
+        curvature = 0.0
+        for v in range(n):
+            for k in range(3):
+                curvature += p[v, k] * y[v, k]
+        if curvature <= 0.0:
+            return step
+        alpha = now / curvature
+        for v in range(n):
+            for k in range(3):
+                x[v, k] += alpha * p[v, k]
+                residual[v, k] -= alpha * y[v, k]
+    return steps
+
+
+@kernel
+def apply_steps(halves, links, rows, used, free, step, sigma2, limits):
+    """Move each free vertex by its step, halved until no triangle gets too bad; returns the cuts."""
+    fan = np.empty(MAX_RING, np.int64)
+    start = np.empty(3)
+    cuts = 0
+    for v in range(used):
+        if not free[v]:
+            continue
+        count, _ = ring(halves, links, v, fan)
+        if count == 0:
+            continue
+        before = fan_quality(rows, halves, fan, count, sigma2)
+        for k in range(3):
+            start[k] = rows[v, k]
+        scale = 1.0
+        for trial in range(HALVINGS + 1):
+            if trial == HALVINGS:
+                scale = 0.0
+            for k in range(3):
+                rows[v, k] = start[k] + scale * step[v, k]
+            if scale == 0.0 or no_worse(
+                fan_quality(rows, halves, fan, count, sigma2), before, limits
+            ):
+                break
+            scale *= 0.5
+        if scale < 1.0:
+            cuts += 1
+    return cuts
+
+
+@kernel
+def refresh_feet(links, rows, used, free, reference):
+    """Keep the positions of free vertices; renew normal, hint and offset from the carrier."""
+    point = np.empty(6)
+    for r in range(used):
+        if not free[r]:
+            continue
+        x, y, z = rows[r, 0], rows[r, 1], rows[r, 2]
+        t, v, w, _ = closest(reference, x, y, z, links[r, HINT])
+        point_and_normal(reference, t, v, w, point)
+        links[r, HINT] = t
+        rows[r, OFFSET] = (
+            (x - point[0]) * point[3] + (y - point[1]) * point[4] + (z - point[2]) * point[5]
+        )
+        for k in range(3, 6):
+            rows[r, k] = point[k]

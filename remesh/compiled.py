@@ -1,0 +1,11 @@
+"""How the kernels of this package are compiled: cached, reproducible, NaN still caught."""
+
+from numba import njit
+
+OPTIONS = {
+    "cache": True,
+    "nogil": True,
+    "fastmath": {"contract", "nsz"},
+    "error_model": "numpy",
+}
+kernel = njit(**OPTIONS)

@@ -1,0 +1,152 @@
+"""Edge flips: towards even valences, towards larger least angles, or by the thesis's rule."""
+
+import math
+
+import numpy as np
+
+from remesh.compiled import kernel
+from remesh.connectivity import (
+    BASE,
+    CREASE,
+    DIRTY,
+    EDGES,
+    IDEAL,
+    INTERIOR,
+    KIND,
+    ORIGIN,
+    TRIANGLES,
+    TWIN,
+    adjacent,
+    flip_edge,
+    following,
+    preceding,
+)
+from remesh.embedding import agreement, squared_length, triangle_angle, triangle_normal
+
+VALENCE, DELAUNAY, THESIS = 0, 1, 2
+
+
+def flip_edges(work, sigma, limits, rule=DELAUNAY, passes=5, ridge_angle=60.0):
+    """Flip edges in index order until no flip is left, at most `passes` times; return how many.
+
+    Parameters
+    ----------
+    work : WorkMesh
+    sigma : float [unit of the points]
+    limits : (angle6, angle3, agreement)
+        No triangle may come out below these, unless it was no better before.
+    rule : VALENCE, DELAUNAY or THESIS
+        VALENCE evens out how many edges meet at the vertices; DELAUNAY enlarges the smaller of
+        the two triangles' least 6D angles; THESIS flips where the two opposite 6D angles sum to
+        pi or more and the triangles' normals differ by less than `ridge_angle` [degrees].
+    passes : int
+    ridge_angle : float [degrees]
+    """
+    limits = np.asarray(limits, dtype=float)
+    work.links[:, DIRTY] = 1
+    total = 0
+    for _ in range(passes):
+        done = sweep_flips(
+            work.halves, work.links, work.rows, work.counts, sigma**2, limits, rule,
+            math.cos(math.radians(ridge_angle)),
+        )  # fmt: skip
+        total += done
+        if done == 0:
+            break
+    return total
+
+
+@kernel
+def evens_valences(links, a, b, c, d):
+    """Whether taking an edge from a, b and giving one to c, d brings them nearer to ideal."""
+    give = links[a, EDGES] - links[a, IDEAL] + links[b, EDGES] - links[b, IDEAL]
+    take = links[c, EDGES] - links[c, IDEAL] + links[d, EDGES] - links[d, IDEAL]
+    return take - give + 2 < 0  # half the change of the sum of squared excesses
+
+
+@kernel
+def opposite_cosine(rows, c, a, b, sigma2):
+    """6D cosine of the angle at c of the triangle a, b, c."""
+    to_a, to_b = squared_length(rows, c, a, sigma2), squared_length(rows, c, b, sigma2)
+    product = math.sqrt(to_a * to_b)
+    if product <= 0.0:
+        return 1.0
+    return 0.5 * (to_a + to_b - squared_length(rows, a, b, sigma2)) / product
+
+
+@kernel
+def thesis_wants(rows, a, b, c, d, sigma2, ridge_cosine):
+    """The thesis's rule (section 2.4.3): theta + rho >= pi in 6D, and no ridge between."""
+    theta = opposite_cosine(rows, c, a, b, sigma2)
+    rho = opposite_cosine(rows, d, a, b, sigma2)
+    if theta + rho >= 0.0:  # theta + rho > pi  <=>  cos theta + cos rho < 0
+        return False
+    x, y, z = triangle_normal(rows, a, b, c)
+    u, v, w = triangle_normal(rows, b, a, d)
+    size = math.sqrt((x * x + y * y + z * z) * (u * u + v * v + w * w))
+    return x * u + y * v + z * w >= ridge_cosine * size
+
+
+@kernel
+def flip_allowed(rows, a, b, c, d, sigma2, limits, smooth_limit):
+    """Whether the triangles (c, a, d) and (d, b, c) may replace (a, b, c) and (b, a, d)."""
+    after = min(agreement(rows, c, a, d), agreement(rows, d, b, c))
+    if after < limits[2]:
+        if after < min(agreement(rows, a, b, c), agreement(rows, b, a, d)) or after <= 0.0:
+            return False
+    after = min(triangle_angle(rows, c, a, d, 0.0), triangle_angle(rows, d, b, c, 0.0))
+    if after < limits[1]:
+        before = min(triangle_angle(rows, a, b, c, 0.0), triangle_angle(rows, b, a, d, 0.0))
+        if after < before:
+            return False
+    if smooth_limit <= 0.0:
+        return True
+    after = min(triangle_angle(rows, c, a, d, sigma2), triangle_angle(rows, d, b, c, sigma2))
+    return after >= smooth_limit
+
+
+@kernel
+def sweep_flips(halves, links, rows, counts, sigma2, limits, rule, ridge_cosine):
+    """One pass over the edges near a vertex with DIRTY = 1; returns the number of flips.
+
+    Vertices whose edges changed are left with DIRTY = 1, all others with 0.
+    """
+    done = 0
+    for h in range(3 * counts[TRIANGLES]):
+        g = halves[h, TWIN]
+        if halves[h, ORIGIN] < 0 or g < h or halves[h, CREASE] >= 0:
+            continue
+        a, b = halves[h, ORIGIN], halves[following(h), ORIGIN]
+        c, d = halves[preceding(h), ORIGIN], halves[preceding(g), ORIGIN]
+        va, vb, vc, vd = links[a, BASE], links[b, BASE], links[c, BASE], links[d, BASE]
+        dirty = max(
+            max(links[va, DIRTY], links[vb, DIRTY]), max(links[vc, DIRTY], links[vd, DIRTY])
+        )
+        if dirty == 0:
+            continue
+        least_a = 5 if links[va, KIND] == INTERIOR else 4
+        least_b = 5 if links[vb, KIND] == INTERIOR else 4
+        if links[va, EDGES] < least_a or links[vb, EDGES] < least_b:
+            continue
+        angle_limit = 0.0
+        if rule == VALENCE:
+            if not evens_valences(links, va, vb, vc, vd):
+                continue
+            angle_limit = limits[0]
+        elif rule == DELAUNAY:
+            angle_limit = 1e-6 + min(
+                triangle_angle(rows, a, b, c, sigma2), triangle_angle(rows, b, a, d, sigma2)
+            )
+        elif not thesis_wants(rows, a, b, c, d, sigma2, ridge_cosine):
+            continue
+        if not flip_allowed(rows, a, b, c, d, sigma2, limits, angle_limit):
+            continue
+        if adjacent(halves, links, vc, vd):
+            continue
+        flip_edge(halves, links, h)
+        for vertex in (va, vb, vc, vd):
+            links[vertex, DIRTY] = 2
+        done += 1
+    for vertex in range(links.shape[0]):
+        links[vertex, DIRTY] = 1 if links[vertex, DIRTY] == 2 else 0
+    return done

@@ -1,0 +1,178 @@
+"""Closest point on the carrier's triangles, restricted to one patch, from a nearby triangle.
+
+The carrier (see `carrier`) is the triangulation that vertices are moved on. Its kernels take
+`reference`, a tuple of arrays:
+
+corners : (m, 12) float64
+    First corner, the two edges from it, and the edges' three dot products.
+normals : (m, 9) float64
+    The surface's unit normals at the three corners.
+sides : (m, 4) int64
+    The neighbours across the edges (0, 1), (1, 2), (2, 0), -1 at feature edges; the patch.
+boxes : (m, 6) float64
+    Lower and upper corner of each triangle's bounding box.
+cell_start, cell_triangles : int64
+    Triangles by cell of a regular grid.
+grid : (7,) float64
+    Lower corner, cell size, and the number of cells along each axis.
+"""
+
+import math
+
+import numpy as np
+
+from remesh.compiled import kernel
+
+
+@kernel
+def clipped(x):
+    """x limited to [0, 1]."""
+    return min(max(x, 0.0), 1.0)
+
+
+@kernel
+def triangle_distance(corners, t, x, y, z):
+    """Closest point of triangle t as barycentric (v, w), and the squared distance to it."""
+    px, py, pz = x - corners[t, 0], y - corners[t, 1], z - corners[t, 2]
+    ux, uy, uz = corners[t, 3], corners[t, 4], corners[t, 5]
+    vx, vy, vz = corners[t, 6], corners[t, 7], corners[t, 8]
+    uu, uv, vv = corners[t, 9], corners[t, 10], corners[t, 11]
+    pu = px * ux + py * uy + pz * uz
+    pv = px * vx + py * vy + pz * vz
+    determinant = uu * vv - uv * uv
+    v = vv * pu - uv * pv
+    w = uu * pv - uv * pu
+    if determinant > 1e-14 * uu * vv and v >= 0.0 and w >= 0.0 and v + w <= determinant:
+        v /= determinant
+        w /= determinant
+    else:  # the nearest point of the three edges
+        v, w = clipped(pu / uu) if uu > 0.0 else 0.0, 0.0
+        least = v * (v * uu - 2.0 * pu)
+        s = clipped(pv / vv) if vv > 0.0 else 0.0
+        square = s * (s * vv - 2.0 * pv)
+        if square < least:
+            least, v, w = square, 0.0, s
+        across = uu - 2.0 * uv + vv
+        s = clipped((uu - uv - pu + pv) / across) if across > 0.0 else 0.0
+        square = (1.0 - s) * ((1.0 - s) * uu + 2.0 * s * uv - 2.0 * pu) + s * (s * vv - 2.0 * pv)
+        if square < least:
+            v, w = 1.0 - s, s
+    dx, dy, dz = px - v * ux - w * vx, py - v * uy - w * vy, pz - v * uz - w * vz
+    return v, w, dx * dx + dy * dy + dz * dz
+
+
+@kernel
+def closest(reference, x, y, z, hint):
+    """Nearest triangle of the patch of `hint`, barycentric (v, w) on it, squared distance.
+
+    A walk over neighbours gives a bound; the cells within that bound make it exact.
+    """
+    corners, _, sides, boxes, cell_start, cell_triangles, grid = reference
+    nearest = hint
+    best_v, best_w, least = triangle_distance(corners, hint, x, y, z)
+    here = -1
+    while here != nearest:
+        here = nearest
+        for k in range(3):
+            t = sides[here, k]
+            if t >= 0:
+                v, w, square = triangle_distance(corners, t, x, y, z)
+                if square < least:
+                    least, nearest, best_v, best_w = square, t, v, w
+    patch = sides[hint, 3]
+    radius = math.sqrt(least)
+    size = grid[3]
+    ny, nz = int(grid[5]), int(grid[6])
+    i0, i1 = max(int((x - radius - grid[0]) / size), 0), int((x + radius - grid[0]) / size)
+    j0, j1 = max(int((y - radius - grid[1]) / size), 0), int((y + radius - grid[1]) / size)
+    k0, k1 = max(int((z - radius - grid[2]) / size), 0), int((z + radius - grid[2]) / size)
+    i1, j1, k1 = min(i1, int(grid[4]) - 1), min(j1, ny - 1), min(k1, nz - 1)
+    for i in range(i0, i1 + 1):
+        for j in range(j0, j1 + 1):
+            cell = (i * ny + j) * nz
+            if k0 > k1:
+                continue
+            for entry in range(cell_start[cell + k0], cell_start[cell + k1 + 1]):
+                t = cell_triangles[entry]
+                if sides[t, 3] != patch:
+                    continue
+                dx = max(boxes[t, 0] - x, max(x - boxes[t, 3], 0.0))
+                dy = max(boxes[t, 1] - y, max(y - boxes[t, 4], 0.0))
+                dz = max(boxes[t, 2] - z, max(z - boxes[t, 5], 0.0))
+                if dx * dx + dy * dy + dz * dz >= least or t == nearest:
+                    continue
+                v, w, square = triangle_distance(corners, t, x, y, z)
+                if square < least:
+                    least, nearest, best_v, best_w = square, t, v, w
+    return nearest, best_v, best_w, least
+
+
+@kernel
+def point_and_normal(reference, t, v, w, out):
+    """Write the point (v, w) of carrier triangle t and the normal interpolated there (6,)."""
+    corners, normals = reference[0], reference[1]
+    u = 1.0 - v - w
+    length = 0.0
+    for k in range(3):
+        out[k] = corners[t, k] + v * corners[t, 3 + k] + w * corners[t, 6 + k]
+        n = u * normals[t, k] + v * normals[t, 3 + k] + w * normals[t, 6 + k]
+        out[3 + k] = n
+        length += n * n
+    length = math.sqrt(length)
+    if length > 0.0:
+        for k in range(3):
+            out[3 + k] /= length
+
+
+@kernel
+def place(reference, x, y, z, hint, offset, out):
+    """Point of the carrier nearest to (x, y, z), moved by `offset` along the normal there.
+
+    Writes position and normal to `out` (6,), returns the carrier's triangle.
+    """
+    t, v, w, _ = closest(reference, x, y, z, hint)
+    point_and_normal(reference, t, v, w, out)
+    for k in range(3):
+        out[k] += offset * out[3 + k]
+    return t
+
+
+@kernel
+def count_cells(boxes, grid, starts):
+    """First pass of the grid: starts[cell + 1] += 1 for each triangle's box."""
+    ny, nz = int(grid[5]), int(grid[6])
+    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+    for t in range(boxes.shape[0]):
+        for k in range(3):
+            low[k] = int((boxes[t, k] - grid[k]) / grid[3])
+            high[k] = int((boxes[t, 3 + k] - grid[k]) / grid[3])
+        for i in range(low[0], high[0] + 1):
+            for j in range(low[1], high[1] + 1):
+                for k in range(low[2], high[2] + 1):
+                    starts[(i * ny + j) * nz + k + 1] += 1
+
+
+@kernel
+def fill_cells(boxes, grid, position, triangles):
+    """Second pass: list the triangles of each cell; `position` starts as the cells' starts."""
+    ny, nz = int(grid[5]), int(grid[6])
+    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
+    for t in range(boxes.shape[0]):
+        for k in range(3):
+            low[k] = int((boxes[t, k] - grid[k]) / grid[3])
+            high[k] = int((boxes[t, 3 + k] - grid[k]) / grid[3])
+        for i in range(low[0], high[0] + 1):
+            for j in range(low[1], high[1] + 1):
+                for k in range(low[2], high[2] + 1):
+                    cell = (i * ny + j) * nz + k
+                    triangles[position[cell]] = t
+                    position[cell] += 1
+
+
+@kernel
+def closest_many(reference, points, hints, triangles, barycentric):
+    """`closest` for points (n, 3): triangles (n,), (v, w, distance^2) in barycentric (n, 3)."""
+    for i in range(points.shape[0]):
+        t, v, w, square = closest(reference, points[i, 0], points[i, 1], points[i, 2], hints[i])
+        triangles[i] = t
+        barycentric[i, 0], barycentric[i, 1], barycentric[i, 2] = v, w, square

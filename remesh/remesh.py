@@ -1,0 +1,176 @@
+"""The remesher's one public function."""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from meshes import InvalidMesh, TriMesh
+from meshes.quality import signed_volume
+from meshes.topology import topology
+from remesh.carrier import compacted, with_all_features
+from remesh.fidelity import ImplicitFidelity, TriangleFidelity
+from remesh.finish import finished_mesh, inverted_faces
+from remesh.halfedge import WorkMesh
+from remesh.prepare import implicit_carrier, smoothed_carrier, surfaces_by_label
+from remesh.recipe import choose_recipe, first_length, run_recipe
+from remesh.settings import RemeshSettings
+from remesh.thesis import run_thesis
+from remesh.triangle_surface import TriangleSurface
+
+SLIVER_FRACTION = {True: 0.35, False: 0.5}  # of the mean edge, by whether sigma > 0
+NORMAL_BLEND = {True: 0.4, False: 0.5}
+
+
+@dataclass(frozen=True)
+class RemeshStatistics:
+    """What was done and how it came out.
+
+    Parameters
+    ----------
+    vertices_before, vertices, faces : int
+    edge_length : float [unit of the points]
+        The 6D edge length the result was made for.
+    sigma : float [unit of the points]
+    volume_drift : float or None
+        Relative change of the volume; None for open surfaces.
+    inverted_faces : int
+        Triangles that disagree with the surface's exact normal at a corner.
+    """
+
+    vertices_before: int
+    vertices: int
+    faces: int
+    edge_length: float
+    sigma: float
+    volume_drift: float | None
+    inverted_faces: int
+
+    def as_dict(self):
+        """The figures by name."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class RemeshResult:
+    """The new surface, with the labels and feature edges of the old one, and statistics."""
+
+    mesh: TriMesh
+    statistics: RemeshStatistics
+
+
+def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
+    """Remesh a surface with triangles that are even in the six-dimensional embedding.
+
+    Parameters
+    ----------
+    mesh : TriMesh
+        Manifold and oriented; closed or open. Its feature edges, label boundaries and open
+        boundaries are kept as curves; where they end, meet or turn sharply, as corners.
+    surfaces : ImplicitSurface, sequence of ImplicitSurface (one per label), or None
+        What the result lies on: interpolants, or a `TriangleSurface` (None: that of `mesh`) for
+        the input's own triangles. Planar labels are kept in their plane.
+    settings : RemeshSettings, optional
+        Default: as many vertices as the input has.
+    rng : numpy.random.Generator, optional
+        Draws the vertices that algorithm "thesis" smooths; seeded with 0 if not given.
+    progress : callable, optional
+        Called as progress(stage, share done).
+
+    Returns
+    -------
+    RemeshResult
+
+    Raises
+    ------
+    InvalidMesh
+        If the input has no faces, NaN points, or is not an oriented manifold.
+
+    Notes
+    -----
+    Thesis sections 2.4, 2.5 and 3.5; `docs/deviations.md` says what differs.
+    """
+    settings = RemeshSettings() if settings is None else settings
+    progress = (lambda stage, share: None) if progress is None else progress
+    rng = np.random.default_rng(0) if rng is None else rng
+    check_input(mesh)
+    mesh = with_all_features(compacted(mesh))
+    if settings.vertices is None and settings.edge_length is None:
+        settings = with_vertices(settings, len(mesh.points))
+    by_label = None
+    if surfaces is None:
+        surfaces = TriangleSurface(mesh)
+    if isinstance(surfaces, TriangleSurface):
+        carrier, gaps = triangle_start(surfaces, settings)
+    else:
+        by_label = surfaces_by_label(mesh, surfaces)
+        carrier = implicit_carrier(mesh, by_label, settings.corner_angle)
+        gaps = ImplicitFidelity(by_label)
+    progress("carrier", 1.0)
+    work = WorkMesh(carrier, settings.vertices or 0)
+    if settings.algorithm == "thesis":
+        length = run_thesis(work, gaps, settings, rng, progress)
+    else:
+        recipe = choose_recipe(settings, mesh.diagonal, settings.smoothing > 0)
+        closed = topology(mesh.faces, len(mesh.points)).watertight
+        length = run_recipe(
+            work, gaps, recipe, settings, signed_volume(mesh) if closed else None,
+            first_length(work, recipe, settings), settings.vertices, progress,
+        )  # fmt: skip
+    return conclude(mesh, work, gaps, settings, length, progress)
+
+
+def with_vertices(settings, vertices):
+    """The settings with a vertex count."""
+    from dataclasses import replace
+
+    return replace(settings, vertices=vertices)
+
+
+def check_input(mesh):
+    """Raise InvalidMesh, with counts, if a mesh cannot be remeshed."""
+    if len(mesh.faces) == 0:
+        raise InvalidMesh("the surface has no faces: there is nothing to remesh")
+    bad = int((~np.isfinite(mesh.points[mesh.faces]).all(axis=(1, 2))).sum())
+    if bad:
+        raise InvalidMesh(f"{bad} faces have points that are not finite numbers: repair them first")
+    found = topology(mesh.faces, len(mesh.points))
+    if not found.manifold or not found.oriented:
+        raise InvalidMesh(
+            f"the surface is not an oriented manifold: {found.nonmanifold_edges} edges with more "
+            f"than two faces, {found.nonmanifold_vertices} pinched vertices, "
+            f"{found.collapsed_faces} faces that name a vertex twice"
+            f"{'' if found.oriented else ', faces oriented differently'}: repair it first"
+        )
+
+
+def triangle_start(surface, settings):
+    """Carrier and fidelity for the input's own triangles as the surface."""
+    faces = len(surface.carrier.mesh.faces)
+    if settings.smoothing == 0:
+        return surface.carrier, TriangleFidelity(surface.carrier, np.arange(faces))
+    embedded = settings.sigma > 0.0
+    carrier, hints = smoothed_carrier(
+        surface, settings.smoothing, SLIVER_FRACTION[embedded], NORMAL_BLEND[embedded],
+        settings.corner_angle,
+    )  # fmt: skip
+    return carrier, TriangleFidelity(surface.carrier, hints)
+
+
+def conclude(mesh, work, gaps, settings, length, progress):
+    """The result and its statistics, checked against the exact normals."""
+    result = finished_mesh(work, mesh)
+    drift = None
+    if topology(mesh.faces, len(mesh.points)).watertight:
+        volume = signed_volume(mesh)
+        drift = signed_volume(result) / volume - 1.0 if volume != 0.0 else None
+    statistics = RemeshStatistics(
+        vertices_before=len(mesh.points),
+        vertices=len(result.points),
+        faces=len(result.faces),
+        edge_length=float(length),
+        sigma=settings.sigma,
+        volume_drift=drift,
+        inverted_faces=int(inverted_faces(result, work, gaps).sum()),
+    )
+    progress("finished", 1.0)
+    return RemeshResult(result, statistics)

@@ -1,0 +1,108 @@
+"""What can be asked of the remesher."""
+
+from dataclasses import dataclass
+
+from meshes.errors import InvalidCase
+
+ALGORITHMS = ("pliant", "thesis")
+
+
+@dataclass(frozen=True)
+class ThesisRules:
+    """Every rule of the thesis's Algorithm 2 and of the operations in its section 2.4.
+
+    Parameters
+    ----------
+    collapse_below, split_above : float
+        Edges are short below, long above this times the target 6D length.
+    inner_limit : int
+        Most rounds of collapsing, smoothing and flipping per outer iteration.
+    smoothing_fraction : float
+        Share of the vertices, drawn at random, that is smoothed in an inner round.
+    ridge_angle : float [degrees]
+        No flip where the two triangles' normals differ by more.
+    alpha : float
+        Factor of the Bossen-Heckbert step.
+    clip : float
+        A step is at most this times the least height of the triangles around.
+    least_agreement : float
+        Least cosine between a new triangle's normal and the surface's at its corners.
+    least_success : float
+        An inner loop ends early when a smaller share of its short edges could be collapsed.
+    """
+
+    collapse_below: float = 0.5
+    split_above: float = 1.5
+    inner_limit: int = 10
+    smoothing_fraction: float = 0.3
+    ridge_angle: float = 60.0
+    alpha: float = 0.2
+    clip: float = 0.8
+    least_agreement: float = 0.3
+    least_success: float = 0.01
+
+
+@dataclass(frozen=True)
+class RemeshSettings:
+    """How to remesh. Exactly one of `vertices` and `edge_length` says how fine.
+
+    Parameters
+    ----------
+    vertices : int, optional
+        Vertices of the result (met within 2 %).
+    edge_length : float, optional [unit of the points]
+        6D edge length of the result.
+    sigma : float [unit of the points]
+        Weight of the normals in the embedding (x, sigma n): 0 for equal triangles, more for
+        smaller ones where the surface is curved.
+    iterations : int
+        Rounds of splitting, collapsing, flipping and smoothing.
+    algorithm : "pliant" or "thesis"
+        The measured recipe, or the thesis's Algorithm 2 as it stands.
+    smoothing : int
+        Pairs of Taubin smoothing of the carrier, for jagged input; 0 for none. Short edges of the
+        carrier are collapsed first. Gaps are still measured to the surfaces given.
+    fit : bool
+        Fit the triangles (not the vertices) to the surface, and keep the volume.
+    optimise : bool
+        Search for better angles at the end.
+    fix_boundary : bool
+        Leave open boundaries as they are, bit by bit.
+    corner_angle : float [degrees]
+        Feature curves are cut at corners where they turn by more.
+    thesis : ThesisRules
+        The rules of algorithm "thesis".
+
+    Raises
+    ------
+    InvalidCase
+        If a value is out of range.
+    """
+
+    vertices: int | None = None
+    edge_length: float | None = None
+    sigma: float = 0.0
+    iterations: int = 10
+    algorithm: str = "pliant"
+    smoothing: int = 0
+    fit: bool = True
+    optimise: bool = True
+    fix_boundary: bool = False
+    corner_angle: float = 45.0
+    thesis: ThesisRules = ThesisRules()
+
+    def __post_init__(self):
+        if self.vertices is not None and self.edge_length is not None:
+            raise InvalidCase("ask for a number of vertices or for an edge length, not for both")
+        if self.vertices is not None and not self.vertices >= 4:
+            raise InvalidCase(f"vertices must be at least 4, got {self.vertices}")
+        if self.edge_length is not None and not 0.0 < self.edge_length < float("inf"):
+            raise InvalidCase(f"the edge length must be positive, got {self.edge_length}")
+        if not 0.0 <= self.sigma < float("inf"):
+            raise InvalidCase(f"sigma must not be negative, got {self.sigma}")
+        if self.iterations < 1:
+            raise InvalidCase(f"at least one iteration is needed, got {self.iterations}")
+        if self.algorithm not in ALGORITHMS:
+            raise InvalidCase(f"algorithm must be one of {ALGORITHMS}, got {self.algorithm!r}")
+        if self.smoothing < 0:
+            raise InvalidCase(f"smoothing must not be negative, got {self.smoothing}")

@@ -1,0 +1,111 @@
+"""The loop of split, collapse, flip and smooth, and the exact vertex count."""
+
+import numpy as np
+
+from remesh.collapse import collapse_short_edges
+from remesh.embedding import embedded_area, face_corner_embedding
+from remesh.flip import DELAUNAY, VALENCE, flip_edges
+from remesh.smooth import UNIFORM, smooth_vertices
+from remesh.split import split_long_edges
+
+FIRST_LENGTH = 0.93  # of the edge of equilateral triangles with the same area and count
+COUNT_FEEDBACK = 0.7
+COARSENING_STEPS = (0.6, 0.8, 1.0)
+NO_LIMITS = (0.0, 0.0, 0.0)
+
+
+def length_for_count(work, sigma, vertices):
+    """6D edge length of equilateral triangles of as many vertices on the work mesh's surface."""
+    corners, _ = work.corner_rows()
+    normals = work.rows[corners, 3:6]
+    corners6 = face_corner_embedding(work.rows[:, :3], corners, normals, sigma)
+    return float(np.sqrt(2.0 * embedded_area(corners6) / (np.sqrt(3.0) * vertices)))
+
+
+class PliantLoop:
+    """Rounds of local operations towards one 6D edge length.
+
+    Parameters
+    ----------
+    work : WorkMesh
+    sigma : float [unit of the points]
+    limits : (angle6, angle3, agreement)
+        What every operation is held to.
+    weights : UNIFORM or AREA
+        Of the smoothing.
+    short, long : float
+        Edges are collapsed below and split above this times the target length.
+    """
+
+    def __init__(self, work, sigma, limits, weights=UNIFORM, short=0.7, long=1.4):
+        self.work, self.sigma, self.limits = work, sigma, np.asarray(limits, float)
+        self.weights, self.short, self.long = weights, short, long
+        self.flip_limits = self.limits
+        self.least_agreement = float(self.limits[2])
+
+    def run(self, length, iterations, vertices=None, delaunay_rounds=2, progress=None):
+        """Run the loop; return the last target length (it follows the count, if one is asked)."""
+        for i in range(iterations):
+            if i == 0 and vertices is not None and self.work.vertices > 2 * vertices:
+                self.coarsen(length)
+            else:
+                self.refine(length)
+            rule = VALENCE if i < iterations - delaunay_rounds else DELAUNAY
+            flip_edges(self.work, self.sigma, self.flip_limits, rule)
+            for _ in range(2):
+                smooth_vertices(self.work, self.sigma, self.limits, self.weights)
+            if vertices is not None and i < iterations - 1:
+                length *= (self.work.vertices / vertices) ** COUNT_FEEDBACK
+            if progress is not None:
+                progress((i + 1) / iterations)
+        return length
+
+    def coarsen(self, length):
+        """First round on a mesh much finer than asked: collapse in three steps."""
+        for factor in COARSENING_STEPS:
+            collapse_short_edges(
+                self.work, self.short * length * factor, self.long * length, self.sigma,
+                (0.0, 0.0, self.least_agreement),
+            )  # fmt: skip
+            self.work.compact()
+            flip_edges(self.work, self.sigma, self.flip_limits, DELAUNAY, 2)
+            smooth_vertices(self.work, self.sigma, self.limits, self.weights)
+
+    def refine(self, length):
+        """Split what is too long, collapse what is too short."""
+        split_long_edges(self.work, self.long * length, self.sigma, self.least_agreement)
+        collapse_short_edges(
+            self.work, self.short * length, self.long * length, self.sigma, self.limits
+        )
+        self.work.compact()
+
+    def meet_count(self, vertices, length, rounds=6, tolerance=0.002):
+        """Collapse the shortest or split the longest edges until the count is met."""
+        for _ in range(rounds):
+            excess = self.work.vertices - vertices
+            if abs(excess) <= tolerance * vertices:
+                break
+            lengths = np.sort(self.edge_lengths())
+            if excess > 0:
+                bound = lengths[min(int(1.3 * excess), len(lengths) - 1)]
+                limits = (0.0, 0.0, self.least_agreement)
+                collapse_short_edges(
+                    self.work, bound, 2.0 * length, self.sigma, limits, at_most=excess
+                )
+            else:
+                bound = lengths[max(len(lengths) + excess - 1, 0)]
+                split_long_edges(
+                    self.work, bound, self.sigma, self.least_agreement, at_most=-excess
+                )
+            self.work.compact()
+            flip_edges(self.work, self.sigma, (25.0, 0.0, self.limits[2]), VALENCE, 3)
+            smooth_vertices(self.work, self.sigma, (20.0, 0.0, self.limits[2]), UNIFORM, 0.7)
+
+    def edge_lengths(self):
+        """6D lengths of all edges (a feature edge once per side)."""
+        corners, _ = self.work.corner_rows()
+        ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+        ends = np.unique(np.sort(ends, axis=1), axis=0)
+        step = self.work.rows[ends[:, 0], :6] - self.work.rows[ends[:, 1], :6]
+        step[:, 3:] *= self.sigma
+        return np.linalg.norm(step, axis=1)
