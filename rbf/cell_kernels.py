@@ -7,7 +7,7 @@ so that a neighbourhood is a few runs of points.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 CELLS_PER_SUPPORT = 2.0  # cells of half a support radius
 REACH = 2  # a support ends within this many cells; the projection looks one farther
@@ -21,10 +21,10 @@ _HASH = np.uint64(0x9E3779B97F4A7C15)
 OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
 
-@njit(parallel=True, **OPTIONS)
+@njit(**OPTIONS)
 def cell_keys(points, lower, upper_index, keys):
     """Write the packed cell key of each point (n, 3) into keys (n,); OUTSIDE where too far."""
-    for p in prange(points.shape[0]):
+    for p in range(points.shape[0]):
         key = np.int64(0)
         for axis in range(3):
             place = (points[p, axis] - lower[axis]) * CELLS_PER_SUPPORT + MARGIN

@@ -39,7 +39,7 @@ def gather(key, reach, box, radius, centres, grid):
     """
     run_start, run_end = np.empty(MAX_RUNS, np.int64), np.empty(MAX_RUNS, np.int64)
     runs, total = neighbour_runs(key, reach, grid, run_start, run_end)
-    near = np.empty((7, (total + LANES - 1) // LANES * LANES))
+    near = np.empty((7, total // LANES * LANES + LANES))
     x0, y0, z0, x1, y1, z1 = box[0, 0], box[0, 1], box[0, 2], box[1, 0], box[1, 1], box[1, 2]
     ox, oy, oz = 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1)
     count = 0
@@ -49,11 +49,11 @@ def gather(key, reach, box, radius, centres, grid):
             dx = max(x0 - x, x - x1, 0.0)
             dy = max(y0 - y, y - y1, 0.0)
             dz = max(z0 - z, z - z1, 0.0)
-            if dx * dx + dy * dy + dz * dz < radius * radius:
-                near[0, count], near[1, count], near[2, count] = x - ox, y - oy, z - oz
-                for k in range(3, 7):
-                    near[k, count] = centres[j, k]
-                count += 1
+            near[0, count], near[1, count], near[2, count] = x - ox, y - oy, z - oz
+            near[3, count], near[4, count] = centres[j, 3], centres[j, 4]
+            near[5, count], near[6, count] = centres[j, 5], centres[j, 6]
+            # copied in any case and overwritten if too far: cheaper than a branch
+            count += np.int64(dx * dx + dy * dy + dz * dz < radius * radius)
     padded = (count + LANES - 1) // LANES * LANES
     for j in range(count, padded):
         near[0, j], near[1, j], near[2, j] = FAR, FAR, FAR
@@ -91,7 +91,7 @@ def evaluate(points, order, keys, starts, centres, grid, kernel, hermite, values
             continue
         box = np.empty((2, 3))
         bounding_box(points, order, first, last, box)
-        near, m = gather(keys[cell], REACH, box, 1.0, centres, grid)
+        near, m = gather(keys[cell], np.int64(REACH), box, 1.0, centres, grid)
         ox, oy, oz = (
             0.5 * (box[0, 0] + box[1, 0]),
             0.5 * (box[0, 1] + box[1, 1]),

@@ -39,7 +39,7 @@ def choose_columns(keys, cells, grid, sites, group_start, columns, counts):
     for group in prange(counts.size):
         first, last = group_start[group], group_start[group + 1]
         run_start, run_end = np.empty(MAX_RUNS, np.int64), np.empty(MAX_RUNS, np.int64)
-        runs, _ = neighbour_runs(keys[cells[group]], 1, grid, run_start, run_end)
+        runs, _ = neighbour_runs(keys[cells[group]], np.int64(1), grid, run_start, run_end)
         limit = columns.shape[1] - (last - first)
         distances = np.empty(limit)
         count = 0

@@ -20,8 +20,8 @@ TOLERANCE = 1e-8
 class HermiteInterpolant(CompactInterpolant):
     """S = 0 and dS/dn = 1 at `points`, with unit `normals` (n, 3)."""
 
-    def __init__(self, points, normals, *others):
-        super().__init__(points, *others)
+    def __init__(self, points, normals, fit):
+        super().__init__(points, fit)
         self.normals = normals
 
 
@@ -69,7 +69,7 @@ def fit_hermite(
         If the system cannot be solved to the tolerance.
     """
     kernel = find_kernel(kernel, compact=True, least_smoothness=2)
-    points, normals = check_finite(points, "points"), _unit_normals(points, normals)
+    points, normals = check_finite(points, "points"), check_unit_normals(points, normals)
     check_parameters(tolerance, neighbours, ridge)
     support_radius, spacing = choose_support(points, support_radius)
     kept, _ = weld(points, WELD_PER_SPACING * spacing if weld_distance is None else weld_distance)
@@ -77,23 +77,43 @@ def fit_hermite(
     points, normals = points[kept], normals[kept]
     origin = points.min(axis=0)
     system = HermiteSystem((points - origin) / support_radius, normals, kernel.order, ridge)
-    right = system.right_side()
+    right = np.zeros((len(points), 2))
+    right[:, 1] = DERIVATIVE_SCALE
+    solution, error = solve_system(system, right, tolerance, neighbours)
+    report = make_report(
+        solution,
+        welded,
+        ridge,
+        value_error=error[0] * support_radius,
+        slope_error=error[1] / DERIVATIVE_SCALE,
+    )
+    return HermiteInterpolant(
+        points,
+        normals,
+        (system, kernel, support_radius, spacing, origin, support_radius, report),
+    )
+
+
+def solve_system(system, right, tolerance, neighbours):
+    """Solve, and leave the coefficients in the system: (Solution, largest errors (m,))."""
     solution = solve(system, right, tolerance, neighbours)
     product = np.empty_like(right)
-    system.multiply(solution.x, product)  # leaves the coefficients in the system's centres
-    error = np.abs(product - right).max(axis=0)
-    report = FitReport(
+    system.multiply(solution.x, product)
+    product[:, : system.ridge_columns] -= system.ridge * solution.x[:, : system.ridge_columns]
+    return solution, np.abs(product - right).max(axis=0)
+
+
+def make_report(solution, welded, ridge, value_error, slope_error=np.nan):
+    """The report of a fit from its solution."""
+    return FitReport(
         solution.iterations,
         solution.residual,
-        float(error[0]) * support_radius,
-        float(error[1]) / DERIVATIVE_SCALE,
+        float(value_error),
+        float(slope_error),
         solution.condition,
         solution.bad_pivots,
         welded,
         ridge=ridge,
-    )
-    return HermiteInterpolant(
-        points, normals, system, kernel, support_radius, spacing, origin, report
     )
 
 
@@ -107,7 +127,14 @@ def check_parameters(tolerance, neighbours, ridge):
         raise InvalidCase(f"ridge must be at least 0 and finite, got {ridge}")
 
 
-def _unit_normals(points, normals):
+def check_unit_normals(points, normals):
+    """Normals (n, 3) made unit length.
+
+    Raises
+    ------
+    InvalidMesh
+        If they are not finite, not as many as the points, or zero.
+    """
     normals = check_finite(normals, "normals")
     if len(normals) != len(points):
         raise InvalidMesh(f"{len(points)} points need as many normals, got {len(normals)}")

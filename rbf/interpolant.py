@@ -65,11 +65,12 @@ class CompactInterpolant:
     report : FitReport
     """
 
-    def __init__(self, points, system, kernel, support_radius, spacing, origin, report):
+    def __init__(self, points, fit):
+        system, kernel, support_radius, spacing, origin, unit, report = fit
         self.points = points
         self.kernel, self.support_radius, self.spacing = kernel, support_radius, spacing
         self.report = report
-        self._origin = origin
+        self._origin, self._unit = origin, unit
         self._grid = system.centre_grid
         self._centres, self._hermite = system.centres, system.hermite
         self._tree = None
@@ -215,11 +216,6 @@ class CompactInterpolant:
             states,
             status,
         )
-
-    @property
-    def _unit(self):
-        """What a value of 1 in the scaled system means: surfaces are scaled by the support."""
-        return self.support_radius
 
     def _scaled(self, points):
         points = np.asarray(points, dtype=float)

@@ -88,7 +88,7 @@ def project(
             continue
         box = np.empty((2, 3))
         bounding_box(points, order, first, last, box)
-        near, m = gather(keys[cell], REACH + 1, box, 1.0 + MARGIN, centres, grid)
+        near, m = gather(keys[cell], np.int64(REACH + 1), box, 1.0 + MARGIN, centres, grid)
         origin = 0.5 * (box[0] + box[1])
         for q in range(first, last):
             p = order[q]

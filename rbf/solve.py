@@ -12,7 +12,6 @@ from scipy.linalg import eigvalsh_tridiagonal
 
 from meshes import NotConverged
 from rbf import fsai_kernels as kernels
-from rbf import vector_kernels
 from rbf.system import DERIVATIVE_SCALE
 
 ADVICE = (
@@ -192,14 +191,17 @@ def _iterate(system, preconditioner, x, r, target, iterations, history):
         if not curvature > 0.0:
             break  # rounding made the matrix indefinite: the true residual decides
         alphas.append(rz / curvature)
-        vector_kernels.step(alphas[-1], p.reshape(-1), q.reshape(-1), x.reshape(-1), r.reshape(-1))
+        x += alphas[-1] * p
+        q *= alphas[-1]
+        r -= q
         history.append(np.sqrt(_dot(r, r)))
         if not history[-1] > target:
             break
         preconditioner.apply(r, z)
         rz, old = _dot(r, z), rz
         betas.append(rz / old)
-        vector_kernels.turn(betas[-1], z.reshape(-1), p.reshape(-1))
+        p *= betas[-1]
+        p += z
     return len(alphas), _lanczos_condition(alphas, betas)
 
 
@@ -222,5 +224,5 @@ def _true_residual(system, right, x):
 
 
 def _dot(x, y):
-    chunks = -(-x.size // vector_kernels.CHUNK)
-    return vector_kernels.dot(x.reshape(-1), y.reshape(-1), np.empty(chunks))
+    # not BLAS, whose sums depend on the number of threads
+    return float(np.einsum("ij,ij->", x, y))

@@ -49,7 +49,7 @@ def point_spacing(points, neighbours=12):
     count = min(neighbours, len(points) - 1)
     tree = cKDTree(points)
     sample = points[:: max(len(points) // SAMPLES, 1)]
-    while 0 < count:
+    while count > 0:
         reach = tree.query(sample, k=[count + 1])[0].ravel()
         spacing = float(np.median(reach)) * np.sqrt(2.0 * np.pi / np.sqrt(3.0) / (count + 0.5))
         if spacing > 0.0:

@@ -28,6 +28,7 @@ class HermiteSystem:
     """
 
     unknowns_per_site = 2
+    ridge_columns = 1
     hermite = True
 
     def __init__(self, points, normals, order, ridge=0.0):
@@ -41,12 +42,6 @@ class HermiteSystem:
         self.centres[:, :3] = self.sites
         self._identity = np.arange(len(points))
         self._value, self._gradient = np.empty(len(points)), np.empty((len(points), 3))
-
-    def right_side(self):
-        """Value 0 and slope 1 everywhere: (n, 2), in units of the support radius."""
-        right = np.zeros((len(self.sites), 2))
-        right[:, 1] = DERIVATIVE_SCALE
-        return right
 
     def set_coefficients(self, x):
         """Make `centres` the sum with the coefficients x (n, 2)."""
@@ -93,7 +88,7 @@ class PointSystem:
 
     def __init__(self, sites, positions, order, ridge=0.0):
         self.order, self.ridge = order, ridge
-        self.unknowns_per_site = positions.shape[1]
+        self.unknowns_per_site = self.ridge_columns = positions.shape[1]
         self.grid = CellGrid(sites)
         self.site_order = self.grid.order
         self.sites = np.ascontiguousarray(sites[self.site_order])

@@ -1,0 +1,95 @@
+"""Interpolation of values at scattered points."""
+
+import numpy as np
+
+from meshes import InvalidMesh
+from rbf.hermite import NEIGHBOURS, TOLERANCE, check_parameters, make_report, solve_system
+from rbf.interpolant import CompactInterpolant
+from rbf.kernels import find_kernel
+from rbf.spacing import WELD_PER_SPACING, check_finite, choose_support, weld
+from rbf.system import PointSystem
+
+
+class ValueInterpolant(CompactInterpolant):
+    """S = `data` (n,) at `points`."""
+
+    def __init__(self, points, data, fit):
+        super().__init__(points, fit)
+        self.data = data
+
+
+def fit_values(
+    points,
+    values,
+    support_radius=None,
+    kernel="wendland_c2",
+    tolerance=TOLERANCE,
+    neighbours=NEIGHBOURS,
+    ridge=0.0,
+    weld_distance=None,
+):
+    """Interpolate values at scattered points with a compactly supported kernel.
+
+    Parameters
+    ----------
+    points : (n, 3) float array
+    values : (n,) float array
+    support_radius : float, optional
+        In the unit of the points; six spacings if not given (`spacing.point_spacing`, which is
+        meant for points of a surface; give the radius for points that fill a volume).
+    kernel : str
+        One of Wendland's: "wendland_c0" to "wendland_c6".
+    tolerance, neighbours, ridge, weld_distance
+        See `fit_hermite`. The values of welded points are averaged.
+
+    Returns
+    -------
+    ValueInterpolant
+
+    Raises
+    ------
+    InvalidMesh, InvalidCase, NotConverged
+        See `fit_hermite`.
+
+    Notes
+    -----
+    Thesis eqs. (2.21)-(2.23).
+    """
+    kernel = find_kernel(kernel, compact=True)
+    points, values = check_values(points, values)
+    check_parameters(tolerance, neighbours, ridge)
+    support_radius, spacing = choose_support(points, support_radius)
+    distance = WELD_PER_SPACING * spacing if weld_distance is None else weld_distance
+    welded = len(points)
+    points, values = average_duplicates(points, values, distance)
+    welded -= len(points)
+    origin = points.min(axis=0)
+    sites = (points - origin) / support_radius
+    system = PointSystem(sites, sites[:, None], kernel.order, ridge)
+    right = np.ascontiguousarray(values[system.site_order, None])
+    solution, error = solve_system(system, right, tolerance, neighbours)
+    report = make_report(solution, welded, ridge, error[0])
+    fit = (system, kernel, support_radius, spacing, origin, 1.0, report)
+    return ValueInterpolant(points, values, fit)
+
+
+def check_values(points, values):
+    """Finite points (n, 3) and as many finite values (n,).
+
+    Raises
+    ------
+    InvalidMesh
+    """
+    points, values = check_finite(points, "points"), check_finite(values, "values", width=1)
+    if len(points) != len(values):
+        raise InvalidMesh(f"{len(points)} points need as many values, got {len(values)}")
+    return points, values
+
+
+def average_duplicates(points, values, distance):
+    """Weld points that nearly coincide and average their values: (points, values)."""
+    kept, cluster = weld(points, distance)
+    if len(kept) == len(points):
+        return points, values
+    count = np.bincount(cluster)
+    return points[kept], np.bincount(cluster, values) / count
