@@ -16,7 +16,6 @@ from scipy.sparse import csr_matrix
 
 from meshes.errors import NotConverged
 from topopt.pdas_kernels import conjugate_gradients, multiply_rows
-from topopt.projection import project_volume
 
 CG_TOLERANCE = 1e-12
 ACCURACY = 1e-9  # largest natural residual, in units of the box, that is returned
@@ -87,7 +86,7 @@ class StepQP:
         return self.linear - self.product(x) - kappa * self.mass
 
     def natural_residual(self, x, kappa):
-        """Largest |x - clip(x + (b - H x - kappa m) / diag(H))|: 0 at the box problem's solution."""
+        """Largest |x - clip(x + (b - H x - kappa m) / diag(H))|: 0 at the solution."""
         moved = np.clip(x + self.multiplier(x, kappa) / self.jacobi, self.lower, self.upper)
         return float(np.abs(moved - x).max(initial=0.0))
 
@@ -333,11 +332,20 @@ def _finish(qp, x, kappa, iterations, history):
             x, kappa = clipped, kappa_polished
     if abs(float(qp.mass @ x) - qp.volume) > 1e-9 * qp.volume:
         raise NotConverged("the volume multiplier of a step was not found.", history)
-    x = project_volume(x, qp.mass, qp.volume, qp.lower, qp.upper)
+    x = meet_volume(qp, x)
     residual = qp.natural_residual(x, kappa)
     if not residual <= ACCURACY * reach:
         raise NotConverged(f"a step's quadratic programme is only solved to {residual:.1e}.")
     return _solution(qp, x, kappa, iterations + 1)
+
+
+def meet_volume(qp, x):
+    """Spread what is missing in volume over the inactive nodes, in proportion to their room."""
+    inactive = (x > qp.lower) & (x < qp.upper)
+    missing = qp.volume - float(qp.mass @ x)
+    room = np.where(inactive, qp.upper - x if missing > 0 else x - qp.lower, 0.0)
+    available = float(qp.mass @ room)
+    return x + (missing / available) * room if available > 0 else x
 
 
 def _solution(qp, x, kappa, iterations):

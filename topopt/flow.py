@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from meshes.errors import InvalidCase
 from topopt.box_qp import StepQP
 from topopt.elasticity import State
 from topopt.ginzburg_landau import GinzburgLandau

@@ -88,7 +88,7 @@ def kkt_conditions(phi, gradient, mass, volume, pressure, lower, upper):
         stationarity=norm(np.where(inactive, g, 0.0)) / scale,
         complementarity=float(mass @ slack) / (scale * total),
         sign=norm(np.where(inactive | (lower == upper), 0.0, wrong)) / scale,
-        volume_error=0.0 if free else abs(float(mass @ phi) - volume) / volume,
+        volume_error=0.0 if free else abs(float(mass @ phi) / volume - 1.0),
         kappa=kappa,
         scale=scale,
     )

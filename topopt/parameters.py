@@ -15,7 +15,7 @@ LOCAL_EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
 def mean_edge_length(mesh, tets=None):
-    """Mean length [m] of the edges of the given tets (k, 4), each tet counted alike (all if None)."""
+    """Mean length [m] of the edges of tets (k, 4), or of all; each tet counts alike."""
     corners = mesh.points[mesh.tets if tets is None else tets]
     lengths = [np.linalg.norm(corners[:, a] - corners[:, b], axis=1).mean() for a, b in LOCAL_EDGES]
     return float(np.mean(lengths))

@@ -38,8 +38,8 @@ def solve_step(qp, start):
 
     Notes
     -----
-    Thesis section 2.2.5.2; the sets start from the step's solution without the off-diagonal part
-    of H, which already meets the volume.
+    Thesis section 2.2.5.2. The sets start from a projected Jacobi step, which already meets the
+    volume: for short steps they are often the final ones.
     """
     if qp.volume is None:
         return solve_box(qp, start)
@@ -49,9 +49,9 @@ def solve_step(qp, start):
 
 
 def first_guess(qp, start):
-    """Solve the step with gamma eps A phi taken at the start: (x, kappa) in the metric D."""
-    linear = qp.linear - qp.coupling * (qp.stiffness @ start)
-    return project_in_metric(linear, qp.diagonal, qp.mass, qp.volume, qp.lower, qp.upper)
+    """One projected Jacobi step from the start: (x, kappa), x within the bounds, at the volume."""
+    linear = qp.jacobi * start + qp.linear - qp.product(start)
+    return project_in_metric(linear, qp.jacobi, qp.mass, qp.volume, qp.lower, qp.upper)
 
 
 def active_set_iteration(qp, sets, x, kappa):

@@ -6,14 +6,41 @@ Sums are taken block by block and the blocks in order, so that any number of thr
 same bits.
 """
 
+from inspect import signature
+from types import FunctionType
+
 import numpy as np
 from numba import njit, prange
 
 BLOCK = 2048
-OPTIONS = {"cache": True, "parallel": True, "error_model": "numpy"}
+SMALL = 20000  # rows; below, threads cost more than they bring
 
 
-@njit(**OPTIONS)
+def serial_and_parallel(function):
+    """Compile a kernel twice: `rows` decides by its length which one runs; the bits are the same."""
+    options = {"cache": True, "error_model": "numpy"}
+    twin = FunctionType(function.__code__, function.__globals__, function.__name__ + "_parallel")
+    twin.__qualname__ = twin.__name__  # a name, and so a cache file, of its own
+    serial, parallel = njit(**options)(function), njit(parallel=True, **options)(twin)
+    position = list(signature(function).parameters).index("rows")
+
+    def dispatch(*arguments):
+        return (serial if arguments[position].size < SMALL else parallel)(*arguments)
+
+    dispatch.py_func, dispatch.serial, dispatch.parallel = function, serial, parallel
+    return dispatch
+
+
+@njit(cache=True, error_model="numpy")
+def sum_blocks(partial):
+    """Add the rows of (k, 2) in order."""
+    total = np.zeros(2)
+    for block in range(partial.shape[0]):
+        total += partial[block]
+    return total
+
+
+@serial_and_parallel
 def multiply_rows(indptr, indices, data, coupling, diagonal, rows, x, out):
     """out[i] = (H x)[i] for the rows i (k,); x and out have n entries."""
     for k in prange(rows.size):
@@ -24,7 +51,7 @@ def multiply_rows(indptr, indices, data, coupling, diagonal, rows, x, out):
         out[i] = diagonal[i] * x[i] + coupling * total
 
 
-@njit(**OPTIONS)
+@serial_and_parallel
 def conjugate_gradients(
     indptr, indices, data, coupling, diagonal, jacobi, rows, x, r, work, tolerance, max_iterations
 ):
@@ -51,30 +78,21 @@ def conjugate_gradients(
     p, q = work[0], work[1]
     n_blocks = (rows.size + BLOCK - 1) // BLOCK
     partial = np.zeros((n_blocks, 2))
-    old = np.zeros(2)
-    step = np.zeros(2)
+    step, beta = np.zeros(2), np.zeros(2)
+    norm = np.zeros(2)  # r^T diag(H)^-1 r
+    for i in rows:
+        for c in range(2):
+            norm[c] += r[i, c] * r[i, c] / jacobi[i]
     for iteration in range(max_iterations + 1):
-        for block in prange(n_blocks):
-            s0, s1 = 0.0, 0.0
-            for k in range(block * BLOCK, min((block + 1) * BLOCK, rows.size)):
-                i = rows[k]
-                s0 += r[i, 0] * r[i, 0] / jacobi[i]
-                s1 += r[i, 1] * r[i, 1] / jacobi[i]
-            partial[block, 0], partial[block, 1] = s0, s1
-        new = np.zeros(2)
-        for block in range(n_blocks):
-            new += partial[block]
-        if not np.isfinite(new[0] + new[1]):
+        if not np.isfinite(norm[0] + norm[1]):
             return -1
-        running = np.sqrt(new) > tolerance
+        running = np.sqrt(norm) > tolerance  # a column that is done stands still
         if not (running[0] or running[1]):
             return iteration
-        beta0 = new[0] / old[0] if old[0] > 0.0 else 0.0
-        beta1 = new[1] / old[1] if old[1] > 0.0 else 0.0
         for k in prange(rows.size):
             i = rows[k]
-            p[i, 0] = r[i, 0] / jacobi[i] + beta0 * p[i, 0]
-            p[i, 1] = r[i, 1] / jacobi[i] + beta1 * p[i, 1]
+            for c in range(2):
+                p[i, c] = r[i, c] / jacobi[i] + beta[c] * p[i, c]
         for block in prange(n_blocks):
             s0, s1 = 0.0, 0.0
             for k in range(block * BLOCK, min((block + 1) * BLOCK, rows.size)):
@@ -89,19 +107,23 @@ def conjugate_gradients(
                 s0 += p[i, 0] * q[i, 0]
                 s1 += p[i, 1] * q[i, 1]
             partial[block, 0], partial[block, 1] = s0, s1
-        curvature = np.zeros(2)
-        for block in range(n_blocks):
-            curvature += partial[block]
-        for c in range(2):  # a column that is done stands still
-            step[c] = new[c] / curvature[c] if running[c] and curvature[c] > 0.0 else 0.0
-            old[c] = new[c] if running[c] else 0.0
-        step0, step1 = step[0], step[1]
-        for k in prange(rows.size):
-            i = rows[k]
-            x[i, 0] += step0 * p[i, 0]
-            x[i, 1] += step1 * p[i, 1]
-            r[i, 0] -= step0 * q[i, 0]
-            r[i, 1] -= step1 * q[i, 1]
+        curvature = sum_blocks(partial)
+        for c in range(2):
+            step[c] = norm[c] / curvature[c] if running[c] and curvature[c] > 0.0 else 0.0
+        for block in prange(n_blocks):
+            s0, s1 = 0.0, 0.0
+            for k in range(block * BLOCK, min((block + 1) * BLOCK, rows.size)):
+                i = rows[k]
+                for c in range(2):
+                    x[i, c] += step[c] * p[i, c]
+                    r[i, c] -= step[c] * q[i, c]
+                s0 += r[i, 0] * r[i, 0] / jacobi[i]
+                s1 += r[i, 1] * r[i, 1] / jacobi[i]
+            partial[block, 0], partial[block, 1] = s0, s1
+        last = norm
+        norm = sum_blocks(partial)
+        for c in range(2):
+            beta[c] = norm[c] / last[c] if running[c] else 0.0
     return -1
 
 

@@ -61,5 +61,5 @@ def project_in_metric(linear, diagonal, mass, volume, lower, upper):
 
 
 def project_volume(values, mass, volume, lower, upper):
-    """Nearest field (n,) to `values` in the lumped L2 metric within the bounds and at the volume."""
+    """Field nearest to `values` (n,) in the lumped L2 metric, within the bounds, at the volume."""
     return project_in_metric(mass * values, mass, mass, volume, lower, upper)[0]

@@ -7,6 +7,8 @@ trace in it. `scale` is the one number that changes.
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
+
 SUFFICIENT = 1e-4  # share of the predicted decrease that a step must deliver (Armijo)
 
 
@@ -38,17 +40,27 @@ class FixedStep:
 
 @dataclass(frozen=True)
 class ControlledStep(FixedStep):
-    """D = M / tau; tau shrinks until J decreases and grows again when it does at once."""
+    """D = M / tau; tau shrinks until J decreases and grows again when it does at once.
 
+    Parameters
+    ----------
+    scale : float
+        tau.
+    longest : float
+        Where tau stops growing; D no longer counts beyond.
+    """
+
+    longest: float = np.inf
     monotone: ClassVar[bool] = True
-    shrink: float = 0.25
-    grow: float = 2.0
+    shrink: ClassVar[float] = 0.25
+    grow: ClassVar[float] = 2.0
 
     def rejected(self):
         return replace(self, scale=self.shrink * self.scale)
 
     def accepted(self, first_try):
-        return replace(self, scale=self.grow * self.scale) if first_try else self
+        longer = min(self.grow * self.scale, self.longest)
+        return replace(self, scale=longer) if first_try else self
 
 
 @dataclass(frozen=True)
@@ -72,9 +84,9 @@ class VariableMetricStep:
     scale: float
     floor: float
     monotone: ClassVar[bool] = True
-    shrink: float = 0.8
-    grow: float = 3.0
-    least: float = 0.05
+    shrink: ClassVar[float] = 0.8
+    grow: ClassVar[float] = 3.0
+    least: ClassVar[float] = 0.05
 
     def metric(self, mass, concavity):
         """D (n,) for the lumped mass (n,) and the concavity (n,) of the compliance."""
@@ -110,7 +122,7 @@ def first_rule(settings, pressure, steepest):
         return VariableMetricStep(3.0, pressure)
     safe = 1.0 / max(steepest, pressure)
     tau = safe if settings.tau is None else settings.tau
-    return (FixedStep if settings.step == "fixed" else ControlledStep)(tau)
+    return FixedStep(tau) if settings.step == "fixed" else ControlledStep(tau, 1e4 / pressure)
 
 
 def sufficient_decrease(before, after, slope):

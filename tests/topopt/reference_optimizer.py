@@ -53,7 +53,7 @@ def project_by_bisection(linear, diagonal, mass, volume, lower, upper):
     """Twin of `project_in_metric`: plain bisection on kappa."""
     low = np.min((linear - diagonal * upper) / mass)
     high = np.max((linear - diagonal * lower) / mass)
-    for _ in range(2000):
+    for _ in range(400):
         kappa = 0.5 * (low + high)
         x = np.clip((linear - kappa * mass) / diagonal, lower, upper)
         low, high = (kappa, high) if mass @ x > volume else (low, kappa)

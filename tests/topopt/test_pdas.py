@@ -1,0 +1,195 @@
+"""The step's quadratic programme against an independent solver, and the road to its solution."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import csr_matrix
+
+from meshes.errors import InvalidCase, NotConverged
+from meshes.structured import bcc_box
+from tests.topopt import reference_optimizer as reference
+from topopt import pdas_kernels as kernels
+from topopt.box_qp import StepQP, sets_of, solve_globalised
+from topopt.ginzburg_landau import GinzburgLandau
+from topopt.pdas import active_set_iteration, first_guess, solve_step
+from topopt.projection import project_in_metric, project_volume
+
+MESH = bcc_box((0, 0, 0), (3, 1, 1), (5, 2, 1))
+ENERGY = GinzburgLandau(MESH, 0.3)
+
+
+def mesh_qp(coupling, seed=0, volume_fraction=0.3, roughness=1.0):
+    """A programme on a small mesh; `coupling` is tau gamma eps / h^2."""
+    rng = np.random.default_rng(seed)
+    n, mass, h = len(ENERGY.mass), ENERGY.mass, 0.5
+    phi = project_volume(
+        0.5 + np.sin(3 * MESH.points @ rng.normal(size=3)),
+        *(mass, volume_fraction * mass.sum(), np.zeros(n), np.ones(n)),
+    )
+    linear = mass * (phi + roughness * rng.normal(size=n))
+    bounds = np.zeros(n), np.ones(n)
+    volume = volume_fraction * mass.sum()
+    return StepQP(ENERGY.stiffness, coupling * h**2, mass, linear, mass, volume, *bounds), phi
+
+
+def random_qp(seed, n):
+    """A programme on a random weighted graph, some nodes held, over six decades of coupling."""
+    rng = np.random.default_rng(seed)
+    weights = np.triu(rng.uniform(0, 1, (n, n)) * (rng.uniform(size=(n, n)) < 0.4), 1)
+    weights += weights.T
+    graph = csr_matrix(np.diag(weights.sum(1)) - weights)
+    mass = rng.uniform(0.5, 2.0, n)
+    diagonal = mass * 10.0 ** rng.uniform(-3, 1)
+    linear = 10.0 ** rng.uniform(-2, 1.5) * rng.normal(size=n)
+    lower, upper = np.zeros(n), np.ones(n)
+    held = rng.uniform(size=n) < 0.2
+    lower[held] = upper[held] = rng.integers(0, 2, held.sum())
+    volume = mass @ lower + rng.uniform(0.02, 0.98) * (mass @ (upper - lower))
+    coupling = 10.0 ** rng.uniform(-3, 3)
+    return StepQP(graph, coupling, diagonal, linear, mass, volume, lower, upper)
+
+
+def check(qp, solution, exact=None):
+    """Box and volume exactly, the minimiser to 1e-8, multipliers of the right sign.
+
+    The programme is strictly convex, so balance, signs and bounds alone prove the minimiser.
+    """
+    x, mu = solution.x, solution.mu
+    if exact is not None:
+        assert np.abs(x - exact).max() < 1e-8
+    assert np.all((x >= qp.lower) & (x <= qp.upper))
+    assert qp.mass @ x == pytest.approx(qp.volume, rel=1e-14)
+    np.testing.assert_array_equal(solution.sets, sets_of(qp, x))
+    free = qp.upper > qp.lower
+    worst = np.abs(mu).max(initial=0.0)
+    assert np.all(mu[free & (x == qp.upper)] >= -1e-8 * worst)
+    assert np.all(mu[free & (x == qp.lower)] <= 1e-8 * worst)
+    assert np.all(mu[free & (x > qp.lower) & (x < qp.upper)] == 0.0)
+    balance = reference.dense_hessian(qp) @ x - qp.linear + solution.kappa * qp.mass + qp.mass * mu
+    scale = np.abs(qp.linear).max() + np.abs(qp.jacobi).max() + abs(solution.kappa)
+    assert np.abs(balance).max() < 1e-8 * scale
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(st.integers(0, 10**9), st.integers(2, 24))
+def test_random_programmes_match_the_reference(seed, n):
+    qp = random_qp(seed, n)
+    start = np.clip(np.full(n, 0.5), qp.lower, qp.upper)
+    exact, _ = reference.solve_qp_by_bisection(qp)
+    check(qp, solve_step(qp, start), exact)
+    check(qp, solve_globalised(qp, start, 0.0), exact)
+
+
+@pytest.mark.parametrize("coupling", [0.01, 0.3, 3.0, 300.0])
+def test_mesh_programmes_match_the_reference(coupling):
+    qp, phi = mesh_qp(coupling)
+    check(qp, solve_step(qp, phi), reference.solve_qp_by_bisection(qp)[0])
+
+
+def test_short_steps_need_few_iterations_and_no_fallback():
+    for seed in range(10):
+        qp, phi = mesh_qp(0.01, seed, roughness=0.1)
+        solution = solve_step(qp, phi)
+        assert not solution.fallback
+        assert solution.iterations <= 4
+
+
+def test_plain_strategy_fails_on_long_steps_and_the_fallback_does_not():
+    failed = 0
+    for seed in range(12):
+        qp, phi = mesh_qp(30.0, seed, volume_fraction=0.05, roughness=3.0)
+        x, kappa = first_guess(qp, phi)
+        if active_set_iteration(qp, sets_of(qp, x), x, kappa) is None:
+            failed += 1
+            solution = solve_step(qp, phi)
+            assert solution.fallback
+            check(qp, solution, reference.solve_qp_by_bisection(qp)[0] if failed == 1 else None)
+    assert failed >= 3
+
+
+def test_empty_inactive_set_goes_to_the_fallback():
+    """All nodes guessed active: kappa would be 0/0."""
+    qp, phi = mesh_qp(0.3)
+    sets = np.where(phi > 0.5, 1, -1).astype(np.int8)
+    assert active_set_iteration(qp, sets, phi, 0.0) is None
+    check(qp, solve_globalised(qp, phi, 0.0), reference.solve_qp_by_bisection(qp)[0])
+
+
+def test_bang_bang_solution_without_inactive_nodes():
+    """The volume of a whole set of nodes, and a linear term that wants exactly them."""
+    qp, phi = mesh_qp(1e-6)
+    chosen = MESH.points[:, 0] < 0.9
+    linear = np.where(chosen, 50.0, -50.0) * qp.mass
+    volume = float(qp.mass @ chosen)
+    qp = StepQP(
+        *(qp.stiffness, qp.coupling, qp.diagonal, linear, qp.mass, volume, qp.lower, qp.upper)
+    )
+    solution = solve_step(qp, np.full(len(phi), volume / qp.mass.sum()))
+    np.testing.assert_array_equal(solution.x, chosen.astype(float))
+
+
+def test_without_volume_constraint():
+    qp, phi = mesh_qp(0.5)
+    free = StepQP(
+        *(qp.stiffness, qp.coupling, qp.diagonal, qp.linear, qp.mass, None, qp.lower, qp.upper)
+    )
+    exact = reference.box_minimiser(reference.dense_hessian(qp), qp.linear, qp.lower, qp.upper)
+    solution = solve_step(free, phi)
+    np.testing.assert_allclose(solution.x, exact, atol=1e-9)
+    assert solution.kappa == 0.0
+
+
+def test_impossible_volume_is_refused():
+    qp, _ = mesh_qp(0.5)
+    with pytest.raises(InvalidCase, match="cannot be met"):
+        project_in_metric(qp.linear, qp.diagonal, qp.mass, 3.5, qp.lower, qp.upper)
+
+
+def test_numbers_that_are_not_finite_are_refused():
+    qp, phi = mesh_qp(0.5)
+    phi[3] = np.nan
+    qp.linear[3] = np.nan
+    with pytest.raises(NotConverged):
+        solve_step(qp, phi)
+
+
+@settings(derandomize=True, deadline=None, max_examples=40)
+@given(st.integers(0, 10**9), st.integers(1, 40))
+def test_projection_matches_bisection(seed, n):
+    qp = random_qp(seed, n)
+    terms = (qp.linear, qp.diagonal, qp.mass, qp.volume, qp.lower, qp.upper)
+    x, _ = project_in_metric(*terms)
+    np.testing.assert_allclose(x, reference.project_by_bisection(*terms), atol=1e-9)
+    assert qp.mass @ x == pytest.approx(qp.volume, rel=1e-13)
+
+
+def test_scaling_the_programme_changes_nothing():
+    """Lengths of 1e-9 and 1e9: every term of the programme times one power of two."""
+    qp, phi = mesh_qp(30.0, seed=1)
+    plain = solve_step(qp, phi)
+    for factor in (2.0**-90, 2.0**90):
+        terms = (factor * v for v in (qp.diagonal, qp.linear, qp.mass, qp.volume))
+        scaled = StepQP(qp.stiffness, factor * qp.coupling, *terms, qp.lower, qp.upper)
+        np.testing.assert_array_equal(solve_step(scaled, phi).x, plain.x)
+
+
+def test_kernels_match_their_twins_and_threads_change_no_bit():
+    qp, phi = mesh_qp(3.0)
+    rows = np.flatnonzero(MESH.points[:, 0] < 1.3).astype(np.int32)
+    out, expected = np.zeros((2, len(phi)))
+    kernels.multiply_rows(*qp.matrix, rows, phi, out)
+    reference.multiply_rows(*qp.matrix, rows, phi, expected)
+    np.testing.assert_allclose(out, expected, rtol=1e-13)
+    hessian = reference.dense_hessian(qp)[np.ix_(rows, rows)]
+    right = np.zeros((len(phi), 2))
+    right[rows] = np.random.default_rng(0).normal(size=(len(rows), 2))
+    results = []
+    for kernel in (kernels.conjugate_gradients.serial, kernels.conjugate_gradients.parallel):
+        x, work = np.zeros_like(right), np.zeros((2, *right.shape))
+        bound = np.full(2, 1e-13)
+        arguments = (qp.jacobi, rows, x, right.copy(), work, bound, 500)
+        assert 0 < kernel(*qp.matrix, *arguments) < 200
+        np.testing.assert_allclose(x[rows], np.linalg.solve(hessian, right[rows]), atol=1e-10)
+        results.append(x)
+    np.testing.assert_array_equal(*results)
