@@ -8,6 +8,7 @@ from numba import njit
 
 kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 NEEDLE = 1e-8  # squared sine of the angle between u and v under which the edges are tried too
+FAR = 1e300
 STACK = 64
 
 
@@ -44,27 +45,35 @@ def closest_on_edges(px, py, pz, triangle):
 
 
 @kernel
-def closest_on_triangle(x, y, z, triangle):
+def closest_on_triangle(x, y, z, triangle, limit):
     """Closest point a + v u + w v of a triangle to (x, y, z): (v, w, squared distance).
 
-    Right for needles and for triangles without area too.
+    Right for needles and for triangles without area too. Where the squared distance is known to
+    exceed `limit` from the lines of the edges alone, FAR comes back for it.
     """
     px, py, pz = x - triangle[0], y - triangle[1], z - triangle[2]
     ux, uy, uz = triangle[3], triangle[4], triangle[5]
     vx, vy, vz = triangle[6], triangle[7], triangle[8]
     nx, ny, nz = triangle[9], triangle[10], triangle[11]
     nn = nx * nx + ny * ny + nz * nz
+    uu = ux * ux + uy * uy + uz * uz
+    vv = vx * vx + vy * vy + vz * vz
     v = (py * vz - pz * vy) * nx + (pz * vx - px * vz) * ny + (px * vy - py * vx) * nz
     w = (uy * pz - uz * py) * nx + (uz * px - ux * pz) * ny + (ux * py - uy * px) * nz
+    needle = nn < NEEDLE * uu * vv
     if nn <= 0.0 or v < 0.0 or w < 0.0 or v + w > nn:
+        # Beyond an edge's line: v / |n| is |edge v| times the distance from it in the plane.
+        if not needle and (
+            (v < 0.0 and v * v > 1.0001 * limit * vv * nn)
+            or (w < 0.0 and w * w > 1.0001 * limit * uu * nn)
+        ):
+            return 0.0, 0.0, FAR
         return closest_on_edges(px, py, pz, triangle)
     v /= nn
     w /= nn
     dx, dy, dz = px - v * ux - w * vx, py - v * uy - w * vy, pz - v * uz - w * vz
     square = dx * dx + dy * dy + dz * dz
-    uu = ux * ux + uy * uy + uz * uz
-    vv = vx * vx + vy * vy + vz * vz
-    if nn < NEEDLE * uu * vv:
+    if needle:
         v2, w2, square2 = closest_on_edges(px, py, pz, triangle)
         if square2 < square:
             return v2, w2, square2
@@ -83,18 +92,19 @@ def box_distance(boxes, node, x, y, z):
 @kernel
 def walk(x, y, z, start, triangles, neighbours):
     """Go from triangle `start` to nearer neighbours as long as there are any: (t, v, w, d2)."""
-    best = start
-    v, w, least = closest_on_triangle(x, y, z, triangles[start])
+    best = before = start
+    v, w, least = closest_on_triangle(x, y, z, triangles[start], FAR)
     while True:
         here = best
         for k in range(3):
             other = neighbours[here, k]
-            if other >= 0:
-                v2, w2, square = closest_on_triangle(x, y, z, triangles[other])
+            if other >= 0 and other != before:
+                v2, w2, square = closest_on_triangle(x, y, z, triangles[other], least)
                 if square < least:
                     best, v, w, least = other, v2, w2, square
         if best == here:
             return best, v, w, least
+        before = here
 
 
 @kernel
@@ -125,7 +135,7 @@ def closest_in_tree(x, y, z, best, v, w, least, tree, nodes, squares):
                 break
         else:
             for t in range(begin[node], end[node]):
-                v2, w2, square = closest_on_triangle(x, y, z, triangles[t])
+                v2, w2, square = closest_on_triangle(x, y, z, triangles[t], least)
                 if square < least:
                     best, v, w, least = t, v2, w2, square
     return best, v, w, least
@@ -139,7 +149,7 @@ def closest_points(points, hints, first, last, tree, neighbours, nodes, squares,
     """
     for i in range(first, last):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        best, v, w, least = -1, 0.0, 0.0, 1e300
+        best, v, w, least = -1, 0.0, 0.0, FAR
         if hints[i] >= 0:
             best, v, w, least = walk(x, y, z, hints[i], tree[3], neighbours)
         best, v, w, least = closest_in_tree(x, y, z, best, v, w, least, tree, nodes, squares)

@@ -1,49 +1,41 @@
-"""How the triangles of a surface hang together: edges, loops, genus, and what is wrong with them.
+"""What kind of surface it is: watertight, manifold, oriented, its loops and handles.
 
-Half-edge 3 f + k of face f runs from its corner k to its corner k + 1 (modulo 3). All of this is
-about vertex numbers alone, except `outward`, `feature_corners` and `require_valid`.
+The edge table and the feature curves are to be had from here too.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from meshes.curves import angle_between, feature_corners, feature_mask, label_boundaries
+from meshes.edges import (
+    EdgeTable,
+    check_indices,
+    components,
+    corner_groups,
+    edge_table,
+    face_components,
+)
 from meshes.errors import InvalidMesh
-from meshes.topology_kernels import counting_sort, number_components, number_edges
 
-
-@dataclass(frozen=True, eq=False)
-class EdgeTable:
-    """The edges of a triangulation and the half-edges on each.
-
-    Parameters
-    ----------
-    edges : (e, 2) int32 array
-        The two vertices of every edge, the smaller number first; sorted.
-    face_edges : (m, 3) int32 array
-        The edge of each half-edge.
-    half_edges : (3 m,) int64 array
-        All half-edges, ordered by edge.
-    start : (e + 1,) int64 array
-        The half-edges of edge i are half_edges[start[i]:start[i + 1]].
-    """
-
-    edges: np.ndarray
-    face_edges: np.ndarray
-    half_edges: np.ndarray
-    start: np.ndarray
-
-    @property
-    def count(self):
-        """Number of faces at every edge (e,)."""
-        return np.diff(self.start)
-
-    def face_pairs(self):
-        """Edges with exactly two faces (p,), and their faces (p, 2)."""
-        inner = np.flatnonzero(self.count == 2)
-        first = self.half_edges[self.start[inner]]
-        second = self.half_edges[self.start[inner] + 1]
-        return inner, np.stack([first // 3, second // 3], axis=1)
+__all__ = [
+    "EdgeTable",
+    "Topology",
+    "angle_between",
+    "boundary_edges",
+    "boundary_loops",
+    "check_indices",
+    "components",
+    "corner_groups",
+    "edge_table",
+    "face_components",
+    "feature_corners",
+    "feature_mask",
+    "label_boundaries",
+    "outward",
+    "require_valid",
+    "topology",
+]
 
 
 @dataclass(frozen=True)
@@ -97,89 +89,6 @@ class Topology:
         return self.nonmanifold_edges == self.nonmanifold_vertices == self.collapsed_faces == 0
 
 
-def edge_table(faces):
-    """Return the EdgeTable of faces (m, 3)."""
-    faces = np.asarray(faces, dtype=np.int32).reshape(-1, 3)
-    after = faces[:, [1, 2, 0]]
-    low, high = np.minimum(faces, after).ravel(), np.maximum(faces, after).ravel()
-    room = int(faces.max(initial=-1)) + 2
-    order, other = np.arange(low.size), np.empty(low.size, dtype=np.int64)
-    counting_sort(high, order, np.zeros(room, dtype=np.int64), other)
-    counting_sort(low, other, np.zeros(room, dtype=np.int64), order)
-    edge_of, first = np.empty(low.size, dtype=np.int32), other
-    count = number_edges(low, high, order, edge_of, first)
-    start = np.append(first[:count], low.size)
-    pick = order[start[:-1]]
-    edges = np.stack([low[pick], high[pick]], axis=1)
-    return EdgeTable(edges, edge_of.reshape(-1, 3), order, start)
-
-
-def _corner_ends(faces, half_edges):
-    """Corners (h,) of half-edges at the lower- and at the higher-numbered end of their edge."""
-    corner = half_edges
-    after = half_edges + np.where(half_edges % 3 == 2, -2, 1)
-    flat = faces.ravel()
-    forward = flat[corner] <= flat[after]
-    return np.where(forward, corner, after), np.where(forward, after, corner)
-
-
-def corner_groups(faces, joined=None, table=None):
-    """Number the corners so that those joined across edges around one vertex share a number.
-
-    Parameters
-    ----------
-    faces : (m, 3) int array
-    joined : (e,) bool array, optional
-        Edges across which corners are joined; all if not given.
-    table : EdgeTable, optional
-
-    Returns
-    -------
-    group : (m, 3) int array
-        Without `joined` there is one group per vertex and fan of faces.
-    count : int
-    """
-    faces = np.asarray(faces)
-    table = edge_table(faces) if table is None else table
-    half = table.half_edges
-    edge = table.face_edges.ravel()[half]
-    same = edge[1:] == edge[:-1]
-    if joined is not None:
-        same &= joined[edge[1:]]
-    low, high = _corner_ends(faces, half)
-    rows = np.concatenate([low[:-1][same], high[:-1][same]])
-    columns = np.concatenate([low[1:][same], high[1:][same]])
-    count, group = components(rows, columns, faces.size)
-    return group.reshape(-1, 3), count
-
-
-def components(rows, columns, size):
-    """Connected components of the graph with edges (rows, columns) on `size` nodes.
-
-    Returns
-    -------
-    count : int
-    label : (size,) int32 array
-        Components are numbered by their first nodes.
-    """
-    parent = np.arange(size, dtype=np.int32)
-    label = np.empty(size, dtype=np.int32)
-    rows, columns = (np.ascontiguousarray(side, dtype=np.int32) for side in (rows, columns))
-    return number_components(rows, columns, parent, label), label
-
-
-def face_components(faces):
-    """Number the connected pieces (faces that share a vertex): count, label of each face (m,)."""
-    faces = np.asarray(faces, dtype=np.int64)
-    size = int(faces.max(initial=-1)) + 1
-    rows, columns = faces[:, :2].ravel(), faces[:, 1:].ravel()
-    _, label = components(rows, columns, size)
-    of_face = label[faces[:, 0]]
-    used = np.zeros(size, dtype=bool)
-    used[of_face] = True
-    return int(used.sum()), (np.cumsum(used) - 1)[of_face]
-
-
 def topology(faces, n_points):
     """Count vertices, edges, faces, holes and handles, and everything that is not manifold.
 
@@ -226,15 +135,6 @@ def topology(faces, n_points):
         components=pieces,
         genus=(2 * pieces - loops - euler) // 2 if manifold else None,
     )
-
-
-def check_indices(faces, n_points):
-    """Raise InvalidMesh if faces (m, 3) refer to points outside 0 ... n_points - 1."""
-    bad = np.count_nonzero((faces < 0) | (faces >= n_points))
-    if bad:
-        raise InvalidMesh(
-            f"{bad} face corners refer to points that do not exist (there are {n_points} points)"
-        )
 
 
 def _count_duplicates(faces):
@@ -330,71 +230,6 @@ def _walk(following, start):
             return loops
 
 
-def label_boundaries(mesh):
-    """Return the edges (k, 2) between faces of different labels, and all edges not shared by two.
-
-    Parameters
-    ----------
-    mesh : TriMesh
-    """
-    table = edge_table(mesh.faces)
-    return table.edges[_label_change(table, mesh.face_labels)]
-
-
-def _label_change(table, labels):
-    """Edges (e,) bool whose faces differ in label, or that have not exactly two faces."""
-    change = table.count != 2
-    inner, pairs = table.face_pairs()
-    change[inner] = labels[pairs[:, 0]] != labels[pairs[:, 1]]
-    return change
-
-
-def feature_mask(mesh, table):
-    """Edges (e,) bool across which nothing is smooth: feature edges, label changes, boundaries."""
-    mask = _label_change(table, mesh.face_labels)
-    if len(mesh.feature_edges):
-        size = int(table.edges.max(initial=0)) + 1
-        key = table.edges[:, 0].astype(np.int64) * size + table.edges[:, 1]
-        low = mesh.feature_edges.min(axis=1).astype(np.int64)
-        high = mesh.feature_edges.max(axis=1)
-        wanted = (low * size + high)[high < size]
-        index = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
-        mask[index[key[index] == wanted]] = True
-    return mask
-
-
-def feature_corners(mesh, angle=45.0):
-    """Return the vertices (k,) where feature curves end, meet, or turn by more than `angle`.
-
-    Parameters
-    ----------
-    mesh : TriMesh
-    angle : float [degrees]
-        A curve that runs on straight turns by 0.
-    """
-    edges = np.asarray(mesh.feature_edges, dtype=np.int64)
-    if len(edges) == 0:
-        return np.zeros(0, dtype=np.int32)
-    ends = np.concatenate([edges[:, 0], edges[:, 1]])
-    others = np.concatenate([edges[:, 1], edges[:, 0]])
-    order = np.argsort(ends, kind="stable")
-    ends, others = ends[order], others[order]
-    vertices, first, degree = np.unique(ends, return_index=True, return_counts=True)
-    corner = degree != 2
-    through = np.flatnonzero(~corner)
-    here = mesh.points[vertices[through]]
-    before = here - mesh.points[others[first[through]]]
-    after = mesh.points[others[first[through] + 1]] - here
-    corner[through] = angle_between(before, after) > np.radians(angle)
-    return vertices[corner].astype(np.int32)
-
-
-def angle_between(a, b):
-    """Angle (n,) [radians] between vectors a and b (n, 3), accurate for small angles too."""
-    sine = np.linalg.norm(np.cross(a, b), axis=-1)
-    return np.arctan2(sine, np.einsum("...k,...k->...", a, b))
-
-
 def outward(mesh):
     """Whether every closed component has its normals outside, cavities inside.
 
@@ -407,15 +242,17 @@ def outward(mesh):
         Closed and consistently oriented (see `require_valid`).
     """
     count, label = face_components(mesh.faces)
-    corners = mesh.points[mesh.faces]
-    pieces = [corners[label == k] for k in range(count)]
-    boxes = [(p.min(axis=(0, 1)), p.max(axis=(0, 1))) for p in pieces]
-    for k, piece in enumerate(pieces):
+    order = np.argsort(label, kind="stable")
+    bounds = np.searchsorted(label[order], np.arange(1, count))
+    pieces = np.split(mesh.points[mesh.faces[order]], bounds)
+    low = np.array([piece.min(axis=(0, 1)) for piece in pieces])
+    high = np.array([piece.max(axis=(0, 1)) for piece in pieces])
+    for number, piece in enumerate(pieces):
         point = piece[0, 0]
-        depth = 0
-        for other, (low, high) in enumerate(boxes):
-            if other != k and np.all(point > low) and np.all(point < high):
-                depth += abs(_winding_number(point, pieces[other])) > 0.5
+        around = np.flatnonzero(np.all((point > low) & (point < high), axis=1))
+        depth = sum(
+            abs(_winding_number(point, pieces[other])) > 0.5 for other in around[around != number]
+        )
         if _volume(piece) * (-1) ** depth <= 0:
             return False
     return True

@@ -1,6 +1,6 @@
 """Kernels behind meshes.topology: sorting half-edges, and connected components by union-find.
 
-Slow twins: tests.meshes.reference.edge_faces, tests.meshes.reference.components.
+Slow twins: edge_faces and components in tests.meshes.reference.
 """
 
 from numba import njit

@@ -129,3 +129,17 @@ def edge_faces(faces):
         for k in range(3):
             found.setdefault(tuple(sorted((face[k], face[(k + 1) % 3]))), []).append(number)
     return found
+
+
+def components(pairs, size):
+    """Component of every node (size,), numbered by first nodes: spread the least number."""
+    label = list(range(size))
+    changed = True
+    while changed:
+        changed = False
+        for a, b in pairs:
+            least = min(label[a], label[b])
+            changed |= label[a] != least or label[b] != least
+            label[a] = label[b] = least
+    names = {least: number for number, least in enumerate(sorted(set(label)))}
+    return [names[least] for least in label]

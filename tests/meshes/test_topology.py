@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from meshes import InvalidMesh, TriMesh
 from meshes.topology import (
     boundary_loops,
+    components,
     corner_groups,
     edge_table,
     feature_corners,
@@ -17,6 +18,7 @@ from meshes.topology import (
     topology,
 )
 from tests import shapes
+from tests.meshes import reference
 from tests.meshes.reference import edge_faces
 
 
@@ -165,6 +167,15 @@ def test_fans_against_walking(faces):
                 if other != vertex:
                     front.extend(around[tuple(sorted((int(vertex), int(other))))])
     assert count == fans
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.lists(st.tuples(st.integers(0, 14), st.integers(0, 14)), max_size=14))
+def test_components_against_spreading(pairs):
+    rows, columns = np.array(pairs, int).reshape(-1, 2).T
+    count, label = components(rows, columns, 15)
+    assert label.tolist() == reference.components(pairs, 15)
+    assert count == label.max() + 1
 
 
 def test_outward_knows_cavities():
