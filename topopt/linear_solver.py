@@ -80,12 +80,18 @@ class DirectSolver:
 
     def update(self, matrix):
         self._matrix = matrix
-        self._factors = splu(
-            matrix.tocsc(),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        try:
+            self._factors = splu(
+                matrix.tocsc(),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:
+            raise NotConverged(
+                f"the direct solver cannot factorise the stiffness matrix ({error}); check that "
+                "the supports hold every rigid motion."
+            ) from error
 
     def solve(self, right_side, start=None, tolerance=1e-6):
         f = right_side.ravel()

@@ -34,8 +34,8 @@ class CycleSettings:
         two steps of conjugate gradients (K-cycle), with `krylov_degree`; 0 gives a V-cycle.
     """
 
-    degree: int = 1
-    lower: float = 0.4
+    degree: int = 2
+    lower: float = 0.2
     upper: float = 1.1
     krylov_unknowns: int = 6000
     krylov_degree: int = 4
