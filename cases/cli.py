@@ -130,6 +130,7 @@ def make_app(command, takes_file, run):
 def run_guarded(work: Callable[[], int | None]):
     """Call `work`; errors become one sentence on the standard error stream and an exit code."""
     previous = _on_terminate(_raise_terminated)
+    Terminated.received = False
     try:
         return work() or 0
     except CycloptsError as error:
@@ -157,8 +158,11 @@ def run_guarded(work: Callable[[], int | None]):
 class Terminated(KeyboardInterrupt):
     """The process was asked to end (SIGTERM)."""
 
+    received = False  # a stage that ends early on Ctrl-C may have caught it
+
 
 def _raise_terminated(*_):
+    Terminated.received = True
     raise Terminated
 
 

@@ -123,14 +123,15 @@ def draw_domain(mesh, path, tractions=None):
                 direction = (tractions or {}).get(name.removeprefix("load:"))
                 if kind == "load:" and direction is not None:
                     _add_arrow(plotter, mesh, facets, np.asarray(direction, float))
-    plotter.add_mesh(_poly(mesh.points, mesh.facets[plain]), color="white", opacity=0.35)
+    walls = _poly(mesh.points, mesh.facets[plain])
+    plotter.add_mesh(walls, color="#e4e4e4", culling="front", lighting=False)
     plotter.add_mesh(_outline(mesh), color=_EDGE, line_width=2)
     planes = ", ".join(plane.name for plane in mesh.symmetry)
     words = [("blue: held", _SUPPORT), ("red: loaded", _LOAD)]
     words += [(f"mirrored at {planes}", _EDGE)] if planes else []
     for row, (text, colour) in enumerate(words):
         plotter.add_text(text, position=(30, 940 - 45 * row), color=colour, font_size=14)
-    _shoot(plotter, mesh.points, path, zoom=1.0)
+    _shoot(plotter, mesh.points, path)
 
 
 def _add_arrow(plotter, mesh, facets, direction):
@@ -141,7 +142,7 @@ def _add_arrow(plotter, mesh, facets, direction):
     direction = direction / np.linalg.norm(direction)
     tip = mesh.points[mesh.facets[facets]].reshape(-1, 3)
     tip = 0.5 * (tip.min(axis=0) + tip.max(axis=0))
-    arrow = pyvista.Arrow(tip - length * direction, direction, scale=length)
+    arrow = pyvista.Arrow(start=tip - length * direction, direction=direction, scale=length)
     plotter.add_mesh(arrow, color=_LOAD)
 
 
@@ -226,15 +227,23 @@ def _add_surface(plotter, surface, edges, line_width=1):
             )
 
 
-def _shoot(plotter, points, path, zoom=1.25):
-    """Look at the points from the usual side and save."""
-    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    diagonal = np.linalg.norm(np.ptp(points, axis=0))
-    plotter.camera.focal_point = centre
-    plotter.camera.position = centre + 2.0 * diagonal * np.array(_VIEW)
+def _shoot(plotter, points, path):
+    """Look at the points from the usual side, as large as the picture allows, and save."""
+    towards = np.array(_VIEW) / np.linalg.norm(_VIEW)
+    right = np.cross((0.0, 0.0, 1.0), towards)
+    right /= np.linalg.norm(right)
+    across, upward = points @ right, points @ np.cross(towards, right)
+    half = 0.5 * max(np.ptp(upward), np.ptp(across) * _SIZE[1] / _SIZE[0])
+    middle = right * (across.min() + across.max()) / 2
+    middle = middle + np.cross(towards, right) * (upward.min() + upward.max()) / 2
+    distance = 2.0 * np.linalg.norm(np.ptp(points, axis=0))
+    middle = middle + towards * np.mean(points @ towards)
+    plotter.camera.focal_point = middle
+    plotter.camera.position = middle + distance * towards
     plotter.camera.up = (0.0, 0.0, 1.0)
-    plotter.reset_camera()
-    plotter.camera.zoom(zoom)
+    plotter.camera.parallel_projection = True
+    plotter.camera.parallel_scale = 1.08 * half
+    plotter.reset_camera_clipping_range()
     _replace(path, lambda temporary: plotter.screenshot(temporary))
     plotter.close()
 

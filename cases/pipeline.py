@@ -110,12 +110,9 @@ def _outcome(manifest):
     """Write into the manifest how the run ended, whatever happens."""
     try:
         yield
-    except Terminated:
-        manifest.finish("terminated")
-        raise
     except KeyboardInterrupt:
-        manifest.finish("interrupted")
-        raise
+        manifest.finish("terminated" if Terminated.received else "interrupted")
+        raise Terminated if Terminated.received else KeyboardInterrupt from None
     except BaseException as error:
         with contextlib.suppress(Exception):  # a full disk must not hide the reason
             manifest.finish(f"failed: {error or type(error).__name__}")

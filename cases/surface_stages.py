@@ -12,10 +12,10 @@ from isosurface import (
     extract_surface,
     mirror,
     modelled_volume,
-    repair_slivers,
     smooth,
     volume_level,
 )
+from isosurface.repair import repair_slivers
 from meshes.io import read_surface, write_surface
 from meshes.quality import signed_volume
 
