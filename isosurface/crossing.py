@@ -7,7 +7,7 @@ from meshes.errors import InvalidCase
 CROSSINGS = ("linear", "sine")
 
 
-def crossing_parameter(first, second, level, crossing="linear", clearance=1e-3):
+def crossing_parameter(first, second, level, crossing="linear", clearance=0.01):
     """Return t (k,) in (0, 1): the level is met at (1 - t) x_first + t x_second.
 
     Parameters

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from isosurface.structure import averaging_matrix
 from meshes.quality import area_vectors, normalised
 
 # A face is folded when its normal is more than acos(0.1) = 84 degrees off the surface around it;
@@ -93,7 +92,7 @@ def _reference_normals(surface, structure):
     for corner in range(3):
         np.add.at(normals, faces[structure.smooth_faces, corner], area[structure.smooth_faces])
     normals = normalised(normals)
-    average = averaging_matrix(structure)
+    average = structure.average
     for _ in range(2):
         normals = normalised(normals + average @ normals)
     reference = normalised(normals[faces].sum(axis=1))

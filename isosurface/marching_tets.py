@@ -22,7 +22,7 @@ from meshes.topology import label_boundaries
 ISOSURFACE = Patch("isosurface")
 
 
-def extract_surface(field, level=0.5, crossing="linear", clearance=1e-3):
+def extract_surface(field, level=0.5, crossing="linear", clearance=0.01):
     """Return the surface of the modelled part {phi >= level}, with caps, oriented outward.
 
     Parameters

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from isosurface.structure import Constraints
 from meshes import NotConverged
 from meshes.quality import area_vectors, face_areas, normalised
 
@@ -47,7 +46,7 @@ def offset_directions(surface, structure):
     for corner in range(3):
         vertices = surface.faces[structure.smooth_faces, corner]
         np.add.at(normals, vertices, area[structure.smooth_faces])
-    constraints = Constraints(structure)
+    constraints = structure.constraints
     on_symmetry = structure.on_symmetry.any(axis=1)
     normals[on_symmetry] = _without_symmetry(normals, structure)[on_symmetry]
     normals = normalised(normals)

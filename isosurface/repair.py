@@ -18,7 +18,7 @@ from isosurface.sliver_kernels import (
     collapse_sweep,
     flip_sweep,
 )
-from isosurface.structure import averaging_matrix, surface_structure
+from isosurface.structure import surface_structure
 from meshes import InvalidMesh, TriMesh
 from meshes.quality import area_vectors, normalised, triangle_angles
 from meshes.topology import feature_mask, label_boundaries
@@ -175,7 +175,7 @@ def smooth_normals(surface, structure, rounds=2):
     for corner in range(3):
         np.add.at(normals, faces[:, corner], area)
     normals = normalised(normals)
-    average = averaging_matrix(structure)
+    average = structure.average
     for _ in range(rounds):
         normals = normalised(normals + average @ normals)
     return normals

@@ -312,6 +312,12 @@ def is_ear(mesh, h, t):
 
 
 @_inner
+def makes_ear(mesh, h, t):
+    """Whether flipping the edge of half-edges h and t makes an ear of the faces at h's end."""
+    return mesh.curve[following(h)] and mesh.curve[preceding(t)]
+
+
+@_inner
 def try_flip(mesh, h, limits, ring, sweep):
     """Flip the edge of half-edge h if that mends a bad triangle and all guards allow it."""
     t = mesh.twin[h]
@@ -325,6 +331,8 @@ def try_flip(mesh, h, limits, ring, sweep):
     if is_ear(mesh, h, t) or is_ear(mesh, t, h):
         before = min(before, limits.ear_shape)
     elif before >= limits.bad_shape:
+        return False
+    if before >= limits.ear_shape and (makes_ear(mesh, h, t) or makes_ear(mesh, t, h)):
         return False
     if c == d:
         return False
@@ -389,10 +397,16 @@ def edge_share(mesh, h):
 
 
 @_inner
-def stale(mesh, h, since):
-    """Whether no face at either end of a half-edge has changed since a sweep."""
-    u, v = origin(mesh, h), origin(mesh, following(h))
-    return max(mesh.changed[u], mesh.changed[v]) < since
+def stale(mesh, face, since):
+    """Whether no face at any corner of a face has changed since a sweep."""
+    corner = mesh.faces[face]
+    return max(mesh.changed[corner[0]], mesh.changed[corner[1]], mesh.changed[corner[2]]) < since
+
+
+@_inner
+def sum_of_curves(mesh, face):
+    """Number of a face's edges that lie on curves."""
+    return mesh.curve[3 * face] + mesh.curve[3 * face + 1] + mesh.curve[3 * face + 2]
 
 
 @_kernel
@@ -404,7 +418,7 @@ def collapse_sweep(mesh, limits, short_edge, sweep, since):
     ring, other = np.empty(2 * RING, np.int64), np.empty(RING, np.int64)
     done = 0
     for h in range(len(mesh.twin)):
-        if not mesh.alive[h // 3] or stale(mesh, h, since) or edge_share(mesh, h) >= short_edge:
+        if not mesh.alive[h // 3] or stale(mesh, h // 3, since) or edge_share(mesh, h) >= short_edge:
             continue
         u, v = origin(mesh, h), origin(mesh, following(h))
         for _ in range(2 if mesh.twin[h] == -1 else 1):  # the only half-edge of an open edge
@@ -420,7 +434,15 @@ def flip_sweep(mesh, limits, sweep, since):
     """Try to flip every edge of a bad triangle; how many did (`sweep`, `since` as above)."""
     ring = np.empty(RING, np.int64)
     done = 0
-    for h in range(len(mesh.twin)):
-        if mesh.alive[h // 3] and not stale(mesh, h, since):
-            done += try_flip(mesh, h, limits, ring, sweep)
+    for face in range(len(mesh.faces)):
+        if not mesh.alive[face] or stale(mesh, face, since):
+            continue
+        shape, _, _ = measure_face(mesh, face, -1, -1, ZERO, ZERO)
+        curves = sum_of_curves(mesh, face)
+        if shape >= limits.bad_shape and curves < 2:
+            continue
+        for k in range(3):
+            if try_flip(mesh, 3 * face + k, limits, ring, sweep):
+                done += 1
+                break
     return done

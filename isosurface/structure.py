@@ -5,6 +5,7 @@ is: a vertex on such a plane sees the reflected images of its neighbours, and st
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -50,6 +51,25 @@ class Structure:
     normals: np.ndarray
     on_plane: np.ndarray
 
+    @cached_property
+    def average(self):
+        """Sparse (n, n) matrix that takes the mean of a vertex's neighbours, images included.
+
+        On a curve only the neighbours along it count; the rows of corners are empty.
+        """
+        first, second = directed_edges(self.table)
+        along = np.tile(self.curve, 2)
+        used = (along | ~self.on_curve[first]) & ~self.corner[first]
+        count = len(self.corner)
+        rows, columns, weight = first[used], second[used], self.multiplicity[used]
+        total = np.bincount(rows, weight, minlength=count)
+        return csr_matrix((weight / total[rows], (rows, columns)), shape=(count, count))
+
+    @cached_property
+    def constraints(self):
+        """What the vertices' planes and corners leave of a displacement."""
+        return Constraints(self)
+
 
 def surface_structure(surface, symmetry=()):
     """Return the Structure of a TriMesh that is open on the symmetry planes given."""
@@ -90,20 +110,6 @@ def directed_edges(table):
     return np.concatenate([a, b]), np.concatenate([b, a])
 
 
-def averaging_matrix(structure):
-    """Sparse (n, n) matrix that takes the mean of a vertex's neighbours, images included.
-
-    On a curve only the neighbours along it count; the rows of corners are empty.
-    """
-    first, second = directed_edges(structure.table)
-    along = np.tile(structure.curve, 2)
-    used = (along | ~structure.on_curve[first]) & ~structure.corner[first]
-    count = len(structure.corner)
-    rows, columns, weight = first[used], second[used], structure.multiplicity[used]
-    total = np.bincount(rows, weight, minlength=count)
-    return csr_matrix((weight / total[rows], (rows, columns)), shape=(count, count))
-
-
 class Constraints:
     """Projection of displacements onto what the planes of each vertex allow; corners stay.
 
@@ -111,12 +117,12 @@ class Constraints:
     """
 
     def __init__(self, structure):
-        sets, index = np.unique(structure.on_plane, axis=0, return_inverse=True)
-        projectors = np.array([_projector(structure.normals[chosen]) for chosen in sets])
-        projectors = np.concatenate([projectors.reshape(-1, 3, 3), np.zeros((1, 3, 3))])
-        index = np.where(structure.corner, len(sets), index.reshape(-1))
         self._bound = np.flatnonzero(structure.on_plane.any(axis=1) | structure.corner)
-        self._projectors = projectors[index[self._bound]]
+        planes = structure.on_plane[self._bound]
+        sets, index = np.unique(planes, axis=0, return_inverse=True)
+        projectors = np.array([_projector(structure.normals[chosen]) for chosen in sets])
+        self._projectors = projectors.reshape(-1, 3, 3)[index.reshape(-1)]
+        self._projectors[structure.corner[self._bound]] = 0.0
 
     def apply(self, displacement):
         """Project displacements (n, 3) in place, and return them."""

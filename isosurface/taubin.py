@@ -8,7 +8,7 @@ k = 1/lambda + 1/mu; below the band it is above 1, beyond it the wave is damped.
 
 import numpy as np
 
-from isosurface.structure import Constraints, averaging_matrix, surface_structure
+from isosurface.structure import surface_structure
 from meshes import InvalidCase
 
 THESIS_FACTORS = (0.40, -0.50)
@@ -54,8 +54,8 @@ def taubin_filter(surface, factors, pairs, symmetry=(), structure=None):
     Vertices inside planar labels have no noise to lose: they follow their rim.
     """
     structure = surface_structure(surface, symmetry) if structure is None else structure
-    average = averaging_matrix(structure)
-    constraints = Constraints(structure)
+    average = structure.average
+    constraints = structure.constraints
     weight = np.where(structure.on_curve, CURVE_WEIGHT, 1.0)[:, None]
     weight[structure.within_plane] = 0.0
     points = np.array(surface.points)
@@ -74,8 +74,8 @@ def follow_rims(structure, displacement, sweeps=30):
     within = np.flatnonzero(structure.within_plane)
     if len(within) == 0:
         return displacement
-    average = averaging_matrix(structure)[within]
-    constraints = Constraints(structure)
+    average = structure.average[within]
+    constraints = structure.constraints
     displacement = np.array(displacement)
     for _ in range(sweeps):
         displacement[within] = average @ displacement
