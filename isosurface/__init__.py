@@ -8,17 +8,21 @@ from isosurface.islands import IslandReport, drop_islands
 from isosurface.marching_tets import extract_surface
 from isosurface.mirror import mirror
 from isosurface.offset import modelled_volume
+from isosurface.repair import RepairReport, RepairSettings, repair_slivers
 from isosurface.smooth import SmoothingReport, SmoothingSettings, smooth
 from isosurface.solid_volume import solid_volume, volume_level
 
 __all__ = [
     "IslandReport",
+    "RepairReport",
+    "RepairSettings",
     "SmoothingReport",
     "SmoothingSettings",
     "drop_islands",
     "extract_surface",
     "mirror",
     "modelled_volume",
+    "repair_slivers",
     "smooth",
     "solid_volume",
     "volume_level",

@@ -418,7 +418,11 @@ def collapse_sweep(mesh, limits, short_edge, sweep, since):
     ring, other = np.empty(2 * RING, np.int64), np.empty(RING, np.int64)
     done = 0
     for h in range(len(mesh.twin)):
-        if not mesh.alive[h // 3] or stale(mesh, h // 3, since) or edge_share(mesh, h) >= short_edge:
+        if (
+            not mesh.alive[h // 3]
+            or stale(mesh, h // 3, since)
+            or edge_share(mesh, h) >= short_edge
+        ):
             continue
         u, v = origin(mesh, h), origin(mesh, following(h))
         for _ in range(2 if mesh.twin[h] == -1 else 1):  # the only half-edge of an open edge

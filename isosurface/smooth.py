@@ -10,6 +10,7 @@ from isosurface.structure import surface_structure
 from isosurface.taubin import (
     THESIS_FACTORS,
     THESIS_PAIRS,
+    filter_until_smooth,
     follow_rims,
     pass_band_factors,
     taubin_filter,
@@ -17,7 +18,6 @@ from isosurface.taubin import (
 from meshes import InvalidCase
 from meshes.quality import triangle_angles
 
-DEFAULT_PAIRS = 10
 RESTORE_ROUNDS = 8
 
 
@@ -30,7 +30,8 @@ class SmoothingSettings:
     taubin : "default", "thesis" or "off"
         "default" has its pass band at 0.1, "thesis" is 0.40 / -0.50 x 40, which inflates.
     iterations : int or "auto"
-        Pairs of Taubin steps; "auto" is 10, or the thesis's 40.
+        Pairs of Taubin steps; "auto" is the thesis's 40, or by default 5 to 80, doubled as long as
+        that takes out roughness.
     restore_volume : bool
         Whether to set the volume by a uniform normal offset of the smooth part.
     target_volume : float [m^3], optional
@@ -56,11 +57,11 @@ class SmoothingSettings:
 
     @property
     def pairs(self):
-        """Number of pairs of Taubin steps."""
+        """Number of pairs of Taubin steps; None if the surface decides."""
         if self.taubin == "off":
             return 0
         if self.iterations == "auto":
-            return THESIS_PAIRS if self.taubin == "thesis" else DEFAULT_PAIRS
+            return THESIS_PAIRS if self.taubin == "thesis" else None
         return self.iterations
 
 
@@ -147,7 +148,7 @@ def smooth(surface, settings=None, symmetry=()):
     if settings.target_volume is not None and not closed:
         raise InvalidCase("a target volume needs a closed surface: mend its holes, or do without")
     check = FoldCheck(surface, structure, symmetry)
-    filtered = taubin_filter(surface, settings.factors, settings.pairs, symmetry, structure)
+    filtered, pairs = _filtered(surface, settings, structure)
     points, held = check.retreat(surface.points, filtered)
     offset = 0.0
     if closed and settings.restore_volume:
@@ -159,18 +160,26 @@ def smooth(surface, settings=None, symmetry=()):
         volumes = [modelled_volume(mesh, symmetry) for mesh in meshes]
     move = np.linalg.norm(points - surface.points, axis=1)
     return smoothed, SmoothingReport(
-        pairs=settings.pairs,
+        pairs=pairs,
         factors=settings.factors,
         volume_before=volumes[0],
         volume_filtered=volumes[1],
         volume_after=volumes[2],
-        offset=offset,
+        offset=float(offset),
         largest_move=float(move.max(initial=0.0)),
         rms_move=float(np.sqrt(np.mean(move**2))) if len(move) else 0.0,
         held_back=int(held.sum()),
         min_angle_before=_worst_angle(surface),
         min_angle_after=_worst_angle(smoothed),
     )
+
+
+def _filtered(surface, settings, structure):
+    """Positions after Taubin's filter, and the pairs of steps taken."""
+    if settings.pairs is None:
+        return filter_until_smooth(surface, settings.factors, structure)
+    points = taubin_filter(surface, settings.factors, settings.pairs, structure=structure)
+    return points, settings.pairs
 
 
 def _restore(surface, points, held, check, structure, settings, symmetry):
