@@ -25,7 +25,6 @@ from remesh.connectivity import (
     ROWS,
     ring,
 )
-from remesh.embedding import triangle_normal
 from remesh.guard import fan_quality, no_worse
 from remesh.nearest import closest, point_and_normal
 
@@ -167,7 +166,7 @@ def accumulate(rows, corners, samples, weights, normals, gap, right, diagonal):
 
 @kernel
 def edge_weights(corners, diagonal, ridge, rows, out, total, right):
-    """Weights (m, 3) of the ridge at each triangle's edges, their sum at each vertex; right side."""
+    """Weights (m, 3) of the ridge at the triangles' edges, their vertex sums, its right side."""
     for t in range(corners.shape[0]):
         for k in range(3):
             i, j = corners[t, k], corners[t, (k + 1) % 3]
@@ -281,7 +280,7 @@ def solve_fit(
 
 @kernel
 def apply_steps(halves, links, rows, used, free, step, sigma2, limits):
-    """Move each free vertex by its step, halved until no triangle gets too bad; returns the cuts."""
+    """Move free vertices by their steps, halved until no triangle gets too bad; count the cuts."""
     fan = np.empty(MAX_RING, np.int64)
     start = np.empty(3)
     cuts = 0

@@ -91,9 +91,9 @@ def thesis_wants(rows, a, b, c, d, sigma2, ridge_cosine):
 def flip_allowed(rows, a, b, c, d, sigma2, limits, smooth_limit):
     """Whether the triangles (c, a, d) and (d, b, c) may replace (a, b, c) and (b, a, d)."""
     after = min(agreement(rows, c, a, d), agreement(rows, d, b, c))
-    if after < limits[2]:
-        if after < min(agreement(rows, a, b, c), agreement(rows, b, a, d)) or after <= 0.0:
-            return False
+    before = min(agreement(rows, a, b, c), agreement(rows, b, a, d))
+    if after < limits[2] and (after < before or after <= 0.0):
+        return False
     after = min(triangle_angle(rows, c, a, d, 0.0), triangle_angle(rows, d, b, c, 0.0))
     if after < limits[1]:
         before = min(triangle_angle(rows, a, b, c, 0.0), triangle_angle(rows, b, a, d, 0.0))

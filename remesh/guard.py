@@ -38,7 +38,7 @@ def no_worse(after, before, limits):
 
     `after` and `before` are what `fan_quality` returns; `limits` in the same order.
     """
+    worse = False
     for k in range(3):
-        if after[k] < limits[k] and after[k] < before[k]:
-            return False
-    return True
+        worse |= after[k] < limits[k] and after[k] < before[k]
+    return not worse

@@ -2,15 +2,12 @@
 
 from remesh.compiled import kernel
 from remesh.connectivity import (
-    BASE,
     CREASE,
     HINT,
     OFFSET,
     ORIGIN,
     OTHER,
     PARAMETER,
-    TWIN,
-    following,
     preceding,
 )
 from remesh.curves import curve_point, span

@@ -11,7 +11,6 @@ from remesh.connectivity import (
     CURVE,
     KIND,
     MAX_RING,
-    OFFSET,
     ORIGIN,
     PARAMETER,
     ROWS,

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from meshes import PlaneSurface, TriMesh
+from meshes import PlaneSurface
 from meshes.quality import corner_normals, normalised
-from meshes.topology import corner_groups, edge_table, feature_mask
+from meshes.topology import edge_table, feature_mask
 from remesh.carrier import make_carrier
 from remesh.collapse import collapse_short_edges
 from remesh.connectivity import HINT, INTERIOR, KIND
 from remesh.flip import DELAUNAY, flip_edges
 from remesh.halfedge import WorkMesh
-from remesh.triangle_surface import TriangleSurface, smoothed_corner_normals
+from remesh.triangle_surface import smoothed_corner_normals
 
 TAUBIN_LAMBDA, TAUBIN_MU = 0.4, -0.42
 GUARD_AGREEMENT = 0.3

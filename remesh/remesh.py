@@ -1,6 +1,6 @@
 """The remesher's one public function."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from meshes.quality import signed_volume
 from meshes.topology import topology
 from remesh.carrier import compacted, with_all_features
 from remesh.fidelity import ImplicitFidelity, TriangleFidelity
-from remesh.finish import finished_mesh, inverted_faces
+from remesh.finish import finished_mesh, inverted_faces, separate
 from remesh.halfedge import WorkMesh
 from remesh.prepare import implicit_carrier, smoothed_carrier, surfaces_by_label
 from remesh.recipe import choose_recipe, first_length, run_recipe
@@ -19,6 +19,7 @@ from remesh.triangle_surface import TriangleSurface
 
 SLIVER_FRACTION = {True: 0.35, False: 0.5}  # of the mean edge, by whether sigma > 0
 NORMAL_BLEND = {True: 0.4, False: 0.5}
+REPAIR_LIMITS = (0.0, 8.0, 0.1)
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,8 @@ class RemeshStatistics:
         Relative change of the volume; None for open surfaces.
     inverted_faces : int
         Triangles that disagree with the surface's exact normal at a corner.
+    self_intersecting_faces : int
+        Triangles that meet others, and could not be separated.
     """
 
     vertices_before: int
@@ -44,6 +47,7 @@ class RemeshStatistics:
     sigma: float
     volume_drift: float | None
     inverted_faces: int
+    self_intersecting_faces: int
 
     def as_dict(self):
         """The figures by name."""
@@ -121,8 +125,6 @@ def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
 
 def with_vertices(settings, vertices):
     """The settings with a vertex count."""
-    from dataclasses import replace
-
     return replace(settings, vertices=vertices)
 
 
@@ -158,6 +160,7 @@ def triangle_start(surface, settings):
 
 def conclude(mesh, work, gaps, settings, length, progress):
     """The result and its statistics, checked against the exact normals."""
+    intersecting = separate(work, REPAIR_LIMITS)
     result = finished_mesh(work, mesh)
     drift = None
     if topology(mesh.faces, len(mesh.points)).watertight:
@@ -170,6 +173,7 @@ def conclude(mesh, work, gaps, settings, length, progress):
         edge_length=float(length),
         sigma=settings.sigma,
         volume_drift=drift,
+        self_intersecting_faces=intersecting,
         inverted_faces=int(inverted_faces(result, work, gaps).sum()),
     )
     progress("finished", 1.0)

@@ -10,6 +10,7 @@ from remesh.split import split_long_edges
 
 FIRST_LENGTH = 0.93  # of the edge of equilateral triangles with the same area and count
 COUNT_FEEDBACK = 0.7
+MOST_SPLIT_PASSES, MANY_SPLITS = 20, 1.3
 COARSENING_STEPS = (0.6, 0.8, 1.0)
 NO_LIMITS = (0.0, 0.0, 0.0)
 
@@ -55,7 +56,8 @@ class PliantLoop:
             for _ in range(2):
                 smooth_vertices(self.work, self.sigma, self.limits, self.weights)
             if vertices is not None and i < iterations - 1:
-                length *= (self.work.vertices / vertices) ** COUNT_FEEDBACK
+                ratio = min(max(self.work.vertices / vertices, 0.5), 2.0)
+                length *= ratio**COUNT_FEEDBACK
             if progress is not None:
                 progress((i + 1) / iterations)
         return length
@@ -73,7 +75,12 @@ class PliantLoop:
 
     def refine(self, length):
         """Split what is too long, collapse what is too short."""
-        split_long_edges(self.work, self.long * length, self.sigma, self.least_agreement)
+        for _ in range(MOST_SPLIT_PASSES):
+            before = self.work.vertices
+            split_long_edges(self.work, self.long * length, self.sigma, self.least_agreement)
+            if self.work.vertices < MANY_SPLITS * before:
+                break
+            flip_edges(self.work, self.sigma, self.flip_limits, DELAUNAY, 2)
         collapse_short_edges(
             self.work, self.short * length, self.long * length, self.sigma, self.limits
         )
