@@ -2,14 +2,12 @@
 
 Edges whose faces turn by more than an angle are candidates. On a CAD surface they form nets of
 curves that hardly ever end; on a scan or a jagged isosurface they are scattered bits with ends
-everywhere. So an edge counts as a crease only
+everywhere. So a candidate counts as a crease only
 
-1. if the turn is there in the raw normals and in normals averaged once over each face and its
-   neighbours (neighbours across a sharp turn count little, so that a crease stays sharp),
-2. and if the connected net of candidates it belongs to has at most one loose end for every
+1. if the connected net of candidates it belongs to has at most one loose end for every
    `EDGES_PER_END` edges (an end on an open boundary is not loose); where most candidates fail
    this, in `NOISY_NETS` nets or more, also if its net is larger than all those that failed,
-3. and if that net is no speck: fewer than `SPECK_EDGES` edges in the middle of a smooth patch,
+2. and if that net is no speck: fewer than `SPECK_EDGES` edges in the middle of a smooth patch,
    unless it bounds planar patches as a box or a prism does.
 
 Loose spurs shorter than `SPUR_EDGES` edges are cut off the rest. A crease that ends inside a patch
@@ -29,7 +27,6 @@ SPECK_EDGES = 20
 SPECK_RATIO = 10  # faces around a speck for every face inside
 SPUR_EDGES = 3
 BOX_PATCHES = 3  # planar patches with at least two faces each that make no speck
-NORMAL_WIDTH = 0.35  # of the difference of unit normals that are averaged
 PLANAR = 1e-5  # of the diagonal: how far vertices of a planar patch may lie off
 
 
@@ -62,31 +59,13 @@ def find_features(mesh, angle=40.0):
 
 
 def _candidates(mesh, table, angle):
-    """Edges (e,) bool across which raw and averaged normals turn by more than `angle`."""
+    """Edges (e,) bool between two faces with areas whose normals differ by more than `angle`."""
     inner, pairs = table.face_pairs()
     vectors = area_vectors(mesh.points, mesh.faces)
-    area = np.linalg.norm(vectors, axis=1)
-    raw = normalised(vectors)
-    averaged = _averaged_normals(raw, area, pairs)
+    solid = np.any(vectors != 0, axis=1)[pairs].all(axis=1)
     sharp = np.zeros(len(table.edges), dtype=bool)
-    turn = np.minimum(*(angle_between(n[pairs[:, 0]], n[pairs[:, 1]]) for n in (raw, averaged)))
-    solid = (area[pairs] > 0).all(axis=1)
-    sharp[inner] = (turn > angle) & solid
+    sharp[inner] = solid & (angle_between(*np.moveaxis(vectors[pairs], 1, 0)) > angle)
     return sharp
-
-
-def _averaged_normals(normals, area, pairs):
-    """Normals (m, 3) averaged over each face and its neighbours, by area and likeness."""
-    area = area / max(area.max(initial=0.0), np.finfo(float).tiny)
-    first, second = pairs.T
-    difference = ((normals[first] - normals[second]) ** 2).sum(axis=1)
-    weight = np.exp(-difference / (2.0 * NORMAL_WIDTH**2))
-    total = normals * area[:, None]
-    for k in range(3):
-        for here, there in ((first, second), (second, first)):
-            share = weight * area[there] * normals[there, k]
-            total[:, k] += np.bincount(here, share, minlength=len(normals))
-    return normalised(total)
 
 
 def _connected_nets(crease, given, edges, n_points):

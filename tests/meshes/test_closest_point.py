@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from meshes import InvalidMesh, TriMesh
 from meshes.box_tree import build_tree
+from meshes.box_tree_kernels import select
 from meshes.closest_point import ClosestPoint, sample_surface, two_sided_distance
 from tests import shapes
-from tests.meshes.reference import closest_distance
+from tests.meshes.reference import closest_distance, distance_to_segment
 
 
 def check_against_pairs(points, faces, queries, tolerance=1e-12, hints=None):
@@ -85,12 +86,39 @@ def test_any_triangles_flat_ones_too(points, data):
     check_against_pairs(np.array(points), np.array(faces), 0.75 * np.array(queries))
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
-@given(st.floats(1e-16, 1e-3), st.floats(-0.5, 1.5), st.floats(-1, 1), st.floats(0, 1))
-def test_needles(height, apex, x, y):
-    points = np.array([[0, 0, 0], [1, 0, 0], [apex, height, 0]])
-    queries = np.array([[x, height * y, 0], [x, y, 0], [x, height * y, height]])
-    check_against_pairs(points, np.array([[0, 1, 2]]), queries, tolerance=1e-15)
+@pytest.mark.parametrize("height", [1e-3, 1e-6, 1e-9, 1e-12, 1e-15, 1e-17])
+def test_needles_in_any_direction(height):
+    """The foot must be the closest point even where the triangle's normal is mere rounding."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        apex = rng.uniform(-0.3, 1.3)
+        points = np.array([[0, 0, 0], [1, 0, 0], [apex, height, 0]]) @ turn
+        queries = rng.uniform([-0.5, -0.5, -0.5], [1.5, 0.5, 0.5], size=(4, 3))
+        queries[2:, 1:] *= height
+        queries = queries @ turn
+        _, weights, distance = ClosestPoint(points, [[0, 1, 2]]).query(queries)
+        # A needle is within its height of its longest edge.
+        ends = points[[0, 1]] if 0 <= apex <= 1 else points[[0, 2]] if apex > 1 else points[[1, 2]]
+        expected = [distance_to_segment(q, *ends) for q in queries]
+        np.testing.assert_allclose(distance, expected, rtol=0, atol=1.1 * height + 1e-15)
+        reached = weights @ points
+        np.testing.assert_allclose(np.linalg.norm(reached - queries, axis=1), distance, atol=1e-15)
+
+
+@pytest.mark.parametrize("most", [1, 3, 1000])
+def test_select_halves_any_keys(most):
+    rng = np.random.default_rng(most)
+    for size in (1, 2, 3, 10, 101):
+        keys = rng.integers(0, most, size + 4).astype(float)
+        for middle in range(2, size + 2):
+            order = rng.permutation(size + 4)
+            before = order.copy()
+            select(order, keys, 2, size + 2, middle)
+            assert sorted(order[2 : size + 2]) == sorted(before[2 : size + 2])
+            np.testing.assert_array_equal(order[[0, 1, -2, -1]], before[[0, 1, -2, -1]])
+            left, right = keys[order[2:middle]], keys[order[middle : size + 2]]
+            assert len(left) == 0 or left.max() <= right.min()
 
 
 def test_nan_finds_nothing_and_bad_surfaces_are_refused():

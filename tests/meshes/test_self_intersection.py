@@ -203,16 +203,18 @@ def test_predicates_against_fractions(points):
 def test_the_filter_is_needed():
     """Four points on a line, rounded: plain arithmetic errs, the predicate does not."""
     rng = np.random.default_rng(0)
-    wrong = 0
+    wrong = np.zeros(2, dtype=int)
     for _ in range(200):
         x = rng.random(4)
         points = np.stack([x, x / 3.0, x / 7.0], axis=1) + 0.1
         a, b, c, d = points
-        plain = int(np.sign((a - d) @ np.cross(b - d, c - d)))
         exact = reference.plane_side(a, b, c, d)
         assert plane_side(points, 0, 1, 2, 3) == exact
-        wrong += plain != exact
-    assert wrong > 20
+        wrong[0] += np.sign((a - d) @ np.cross(b - d, c - d)) != exact
+        exact = reference.line_side(a[:2], b[:2], c[:2])
+        assert line_side(points, 0, 1, 2, 2) == exact
+        wrong[1] += np.sign(np.linalg.det([a[:2] - c[:2], b[:2] - c[:2]])) != exact
+    assert wrong.min() > 20
 
 
 def test_kernel_of_one_pair():
