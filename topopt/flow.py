@@ -51,6 +51,11 @@ class LoopState:
     history: tuple[HistoryRow, ...]
 
     @property
+    def values(self):
+        """Nodal values (n,) of the phase field, under the name they have in a PhaseField."""
+        return self.phi
+
+    @property
     def objective(self):
         """J [J]."""
         return self.history[-1].objective_J
@@ -100,7 +105,7 @@ class Flow:
             whole = (state.compliance, self.volume_fraction, self.domain_volume, self.energy.eps)
             self.gamma = auto_gamma(*whole)
         curvature = concavity(self.model, phi, state)
-        rule = first_rule(self.settings, self.pressure, float(np.max(curvature / self.mass)))
+        rule = first_rule(self.settings, self.pressure, float(curvature.sum()) / self.domain_volume)
         return self._arrive(phi, state, rule, (), self._tau(rule.metric(self.mass, curvature)))
 
     def advance(self, loop):

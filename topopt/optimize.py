@@ -95,9 +95,10 @@ def optimize(mesh, problem, settings=None, start=None, callback=None, model=None
     start : PhaseField, (n,) array or LoopState, optional
         The first field (projected onto box and volume), or where an earlier run ended;
         phi = m everywhere if not given.
-    callback : function(HistoryRow, PhaseField), optional
-        Called after every accepted step, and for the start (row 0). A KeyboardInterrupt, from it
-        or from anywhere else in the loop, ends the run with the last accepted step.
+    callback : function(HistoryRow, LoopState), optional
+        Called after every accepted step, and for the start (row 0), with the step's row and all
+        that belongs to it (`phi`, `state`; enough to go on from). A KeyboardInterrupt, from it or
+        from anywhere else in the loop, ends the run with the last accepted step.
     model : ElasticModel, optional
         Another state problem than the problem's own.
 
@@ -116,7 +117,7 @@ def optimize(mesh, problem, settings=None, start=None, callback=None, model=None
     loop = start if isinstance(start, LoopState) else flow.first(nodal_values(mesh, start))
     try:
         if callback and loop is not start:
-            callback(loop.history[-1], PhaseField(mesh, loop.phi))
+            callback(loop.history[-1], loop)
         while (outcome := flow.outcome(loop)) is None:
             advanced = flow.advance(loop)
             if advanced is None:
@@ -124,7 +125,7 @@ def optimize(mesh, problem, settings=None, start=None, callback=None, model=None
                 break
             loop = advanced
             if callback:
-                callback(loop.history[-1], PhaseField(mesh, loop.phi))
+                callback(loop.history[-1], loop)
     except KeyboardInterrupt:
         outcome = "interrupted"
     return OptimizationResult(

@@ -17,7 +17,7 @@ SMALL = 20000  # rows; below, threads cost more than they bring
 
 
 def serial_and_parallel(function):
-    """Compile a kernel twice: `rows` decides by its length which one runs; the bits are the same."""
+    """Compile a kernel twice; the length of `rows` decides which one runs, with the same bits."""
     options = {"cache": True, "error_model": "numpy"}
     twin = FunctionType(function.__code__, function.__globals__, function.__name__ + "_parallel")
     twin.__qualname__ = twin.__name__  # a name, and so a cache file, of its own

@@ -105,7 +105,7 @@ STEPS = ("controlled", "variable_metric", "fixed")
 StepRule = FixedStep | VariableMetricStep
 
 
-def first_rule(settings, pressure, steepest):
+def first_rule(settings, pressure, concavity):
     """The rule that the settings name.
 
     Parameters
@@ -114,14 +114,13 @@ def first_rule(settings, pressure, steepest):
         Its `step` and `tau`.
     pressure : float [Pa]
         gamma / eps.
-    steepest : float [Pa]
-        Largest concavity over mass at the start, 6 sup phi w: tau = 1 / steepest is sure to
-        decrease J. It is the first tau if the settings name none.
+    concavity : float [Pa]
+        The mean over the domain of 6 phi w at the start. tau = 1 / concavity is safe where the
+        part is loaded evenly; half of that is the first tau if the settings name none.
     """
     if settings.step == "variable_metric":
-        return VariableMetricStep(3.0, pressure)
-    safe = 1.0 / max(steepest, pressure)
-    tau = safe if settings.tau is None else settings.tau
+        return VariableMetricStep(6.0, 0.01 * pressure)
+    tau = 0.5 / max(concavity, pressure) if settings.tau is None else settings.tau
     return FixedStep(tau) if settings.step == "fixed" else ControlledStep(tau, 1e4 / pressure)
 
 
