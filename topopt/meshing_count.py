@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 from meshes.errors import NotConverged
 
-WANTED, ALLOWED = 0.03, 0.05  # relative errors of the count: aimed at, and accepted at last
+WANTED, ALLOWED = 0.03, 0.05  # relative errors of the count: where tries are cheap, and at most
 COARSE = 40_000  # tets of the largest mesh that counts as cheap
 CHEAP_TRIES, MIDDLE_TRIES, FULL_TRIES = 14, 2, 5
 NARROW = 0.001  # logarithm of the ratio of edge lengths between which no other is tried
 LONGEST_STEP = 0.4  # likewise, between one edge length and the next
 DENSITY = 9.0  # tets per cube of the edge length, roughly, for the very first guess
-SKIN = 0.5  # n is about density * (V / h^3 + SKIN * S / h^2): measured on boxes
+SKIN = 0.3  # n is about density * (V / h^3 + SKIN * S / h^2): measured on boxes
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class EdgeLengthSearch:
 
 
 def mesh_by_count(mesh_at, size, target, log):
-    """Mesh with a wanted number of tets, within 3 % if that is to be had and 5 % else.
+    """Mesh with a wanted number of tets: within 5 %, and within 3 % where tries are cheap.
 
     Parameters
     ----------
@@ -114,7 +114,10 @@ def mesh_by_count(mesh_at, size, target, log):
         log(f"looking for the edge length on coarser meshes of about {wanted:,.0f} tets")
         edge_length = search(mesh_at, edge_length, wanted, tries)[0] / 2.0
         tries = MIDDLE_TRIES
-    _, mesh, counts = search(mesh_at, edge_length, target, FULL_TRIES if halvings else tries)
+    if halvings:
+        _, mesh, counts = search(mesh_at, edge_length, target, FULL_TRIES, ALLOWED)
+    else:
+        _, mesh, counts = search(mesh_at, edge_length, target, CHEAP_TRIES)
     if abs(len(mesh.tets) / target - 1.0) > ALLOWED:
         raise NotConverged(
             f"no mesh of {target:,} tets was found; {_numbers(counts)} came out: ask for one of "
@@ -124,8 +127,11 @@ def mesh_by_count(mesh_at, size, target, log):
     return mesh
 
 
-def search(mesh_at, edge_length, target, tries):
+def search(mesh_at, edge_length, target, tries, enough=WANTED):
     """Look around a first edge length for a mesh with a wanted number of tets.
+
+    Stops after some tries, with a count that is near `enough`, or when the lengths tried on both
+    sides of the target are as good as equal.
 
     Returns
     -------
@@ -143,7 +149,7 @@ def search(mesh_at, edge_length, target, tries):
         error = abs(counts[-1] / target - 1.0)
         if error < least:
             least, best = error, (edge_length, mesh)
-        if least <= WANTED or seeker.stuck():
+        if least <= enough or seeker.stuck():
             break
         edge_length = seeker.next()
     return *best, counts

@@ -54,7 +54,7 @@ def free_motions(points, fixed):
     for motion in rotating[turns]:
         shift, turn = motion[:3], motion[3:]
         length = np.linalg.norm(turn)
-        direction, shift = turn / length, _without(shift / length, translations)
+        direction, shift = turn / length, shift / length
         centre = middle + size * np.cross(direction, shift)
         rotations.append((direction, centre, size * float(shift @ direction)))
     return translations, rotations
@@ -95,7 +95,7 @@ def _null_space(rows):
 
 
 def _echelon(rows):
-    """Reduced row echelon form with full pivoting in the row: the sparsest-looking basis."""
+    """Reduced row echelon form: of all bases the one with the plainest directions."""
     rows = np.array(rows, dtype=float)
     for k, column in _pivots(rows):
         rows[k] /= rows[k, column]
@@ -118,14 +118,6 @@ def _pivots(rows):
             k += 1
 
 
-def _without(vector, directions):
-    """The part of a vector orthogonal to the span of directions (a, 3)."""
-    if not len(directions):
-        return vector
-    basis = np.linalg.qr(directions.T)[0]
-    return vector - basis @ (basis.T @ vector)
-
-
 def _direction_name(direction):
     """`x`, `y`, `z`, or the vector's components."""
     unit = direction / np.linalg.norm(direction)
@@ -136,5 +128,4 @@ def _direction_name(direction):
 
 
 def _axis_name(direction):
-    name = _direction_name(direction)
-    return f"axis parallel to {name}"
+    return f"axis parallel to {_direction_name(direction)}"

@@ -56,6 +56,17 @@ def test_the_best_mesh_is_returned_and_the_search_stops_early():
     assert len(mesher(edge_length).tets) == len(mesh.tets)
 
 
+@pytest.mark.parametrize("exponent", [-0.6, -3.0, -12.0])
+def test_flat_and_steep_counts_take_few_tries(exponent):
+    def mesh_at(edge_length):
+        return SimpleNamespace(tets=range(int(3000 * (edge_length / 0.02) ** exponent)))
+
+    edge_length, mesh, counts = search(mesh_at, 0.02 * 3 ** (1 / exponent), 3000, 20)
+    assert counts[0] == pytest.approx(9000, rel=1e-3) and len(counts) <= 8
+    assert len(mesh.tets) == pytest.approx(3000, rel=0.03)
+    assert edge_length == pytest.approx(0.02, rel=0.06)
+
+
 def test_a_count_in_a_sharp_jump_is_refused_with_the_nearest_ones():
     mesher = StaircaseMesher(noise=0.0, width=1e-9)
     below, above = (len(mesher(0.0235 * (1 + sign * 1e-6)).tets) for sign in (1, -1))

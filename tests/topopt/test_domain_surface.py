@@ -29,11 +29,11 @@ def of(surface, **changes):
     return replace(bridge(), domain=SurfaceDomain(surface), **(nothing | changes))
 
 
-def half_cylinder(radius=1.0, length=3.0, sides=32):
-    """Half a cylinder about the x axis, z >= 0, its flat face on z = 0."""
-    angle = np.linspace(0, np.pi, sides + 1)
+def half_cylinder(radius=1.0, length=3.0, sides=32, opening=np.pi):
+    """Half a cylinder (or less) about the x axis; the flat face of a half one is on z = 0."""
+    angle = (np.pi - opening) / 2 + np.linspace(0, opening, sides + 1)
     arc = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    arc[[0, -1], 1] = 0.0
+    arc[[0, -1], 1] = arc[0, 1] if opening < np.pi else 0.0
     ends = [np.column_stack([np.full(sides + 1, x), arc]) for x in (0.0, length)]
     k, n = np.arange(sides), sides + 1
     side = [np.stack([k, k + 1 + n, k + 1], 1), np.stack([k, k + n, k + 1 + n], 1)]
@@ -126,6 +126,32 @@ def test_a_tilted_box_is_snapped_to_all_its_planes(scale, monkeypatch):
         assert np.sort(distance) == pytest.approx([0, 0, 1], abs=1e-10)
 
 
+CORNER = (
+    np.array([[0.0, 0, 2e-4], [1, 0, 0], [0, 1, 0], [1, 1, 0]]),
+    np.array([[0, 1, 2], [0, 1, 3]]),
+)
+
+
+@pytest.mark.parametrize("turn", [0.2, 1.0, 2.0, 3.0])
+def test_a_node_on_two_planes_is_moved_onto_both(turn):
+    planes = [Plane((0.0, 0.0, 1.0), 1e-4), Plane((0.0, np.sin(turn), np.cos(turn)), 1e-4)]
+    moved = meshing_tetwild.snapped(*CORNER, np.array([0, 1]), planes)
+    for plane in planes:
+        assert np.abs(plane.signed_distance(moved[:2])).max() < 1e-16
+
+
+def test_a_node_on_two_nearly_parallel_planes_stays_near_both():
+    """The planes meet far away: the least move onto both would be 0.1."""
+    turn = 1e-3
+    planes = [Plane((0.0, 0.0, 1.0), 0.0), Plane((0.0, np.sin(turn), np.cos(turn)), 1e-4)]
+    points, facets = CORNER
+    moved = meshing_tetwild.snapped(points, facets, np.array([0, 1]), planes)
+    assert np.linalg.norm(moved - points, axis=1).max() < 1e-3
+    assert moved[2, 2] == 0.0 and planes[1].signed_distance(moved[3:]) == pytest.approx(
+        0, abs=1e-16
+    )
+
+
 def test_a_mesh_that_is_none_of_the_domain_is_not_used():
     frame = frame_of(SurfaceDomain(shapes.cube(1.0)))
     mesh = bcc_box((0, 0, 0), (1, 1, 1), (4, 4, 4))
@@ -168,7 +194,13 @@ def test_the_way_back_from_the_frame_is_exact_on_the_bounding_box():
 
 @pytest.mark.parametrize(
     "surface, planes",
-    [(shapes.cube(1.0), 6), (shapes.icosphere(1), 0), (shapes.torus(), 0), (half_cylinder(), 3)],
+    [
+        (shapes.cube(1.0), 6),
+        (shapes.icosphere(1), 0),
+        (shapes.torus(), 0),
+        (half_cylinder(), 3),
+        (half_cylinder(sides=100, opening=0.05), 3),  # turns by 5e-4 a face, but bends
+    ],
 )
 def test_flat_parts_are_found_and_facets_of_curves_are_not(surface, planes):
     found, widths, face_plane = flat_parts(surface.points / 3.0, surface.faces)
