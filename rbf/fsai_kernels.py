@@ -93,7 +93,7 @@ def _hermite_matrix(order, scale, ridge, positions, normals, chosen, block):
             block[2 * a, 2 * b + 1] = -scale * f1 * dj
             block[2 * a + 1, 2 * b] = scale * f1 * di
             block[2 * a + 1, 2 * b + 1] = -scale * scale * (f1 * nn + f2 * di * dj)
-        block[2 * a, 2 * a] += ridge
+        block[2 * a, 2 * a] += ridge[i]
 
 
 @njit(**OPTIONS)
@@ -107,7 +107,7 @@ def _value_matrix(order, ridge, m, positions, chosen, block):
             for axis in range(3):
                 d2 += (positions[i, axis] - positions[j, axis]) ** 2
             block[a, b] = wendland_value(order, np.sqrt(d2))
-        block[a, a] += ridge
+        block[a, a] += ridge[chosen[a // m]]
 
 
 @njit(**OPTIONS)
@@ -159,9 +159,10 @@ def factor_groups(
 
     Parameters
     ----------
-    order, scale, ridge, m : int, float, float, int
-        The kernel's k, the scale of the derivative functional, the value added to the diagonal
-        of the values, the number of functionals per site.
+    order, scale, m : int, float, int
+        The kernel's k, the scale of the derivative functional, the functionals per site.
+    ridge : (n,) float array
+        Added to the diagonal of the values of each site.
     positions : (n m, 3) float array
         Where each functional sits (for Hermite sites: (n, 3)), in units of the support radius.
     normals : (n, 3) float array, or (0, 3)

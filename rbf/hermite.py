@@ -10,7 +10,7 @@ from meshes import InvalidCase, InvalidMesh
 from rbf.interpolant import CompactInterpolant, FitReport
 from rbf.kernels import find_kernel
 from rbf.solve import solve
-from rbf.spacing import WELD_PER_SPACING, check_finite, choose_support, weld
+from rbf.spacing import WELD_PER_SPACING, check_finite, choose_support, damping, weld
 from rbf.system import DERIVATIVE_SCALE, HermiteSystem
 
 NEIGHBOURS = 24
@@ -76,13 +76,17 @@ def fit_hermite(
     welded = len(points) - len(kept)
     points, normals = points[kept], normals[kept]
     origin = points.min(axis=0)
-    system = HermiteSystem((points - origin) / support_radius, normals, kernel.order, ridge)
+    damped = damping(points, normals, spacing, support_radius)
+    system = HermiteSystem(
+        (points - origin) / support_radius, normals, kernel.order, np.maximum(ridge, damped)
+    )
     right = np.zeros((len(points), 2))
     right[:, 1] = DERIVATIVE_SCALE
     solution, error = solve_system(system, right, tolerance, neighbours)
     report = make_report(
         solution,
         welded,
+        np.count_nonzero(damped),
         ridge,
         value_error=error[0] * support_radius,
         slope_error=error[1] / DERIVATIVE_SCALE,
@@ -99,11 +103,12 @@ def solve_system(system, right, tolerance, neighbours):
     solution = solve(system, right, tolerance, neighbours)
     product = np.empty_like(right)
     system.multiply(solution.x, product)
-    product[:, : system.ridge_columns] -= system.ridge * solution.x[:, : system.ridge_columns]
+    columns = slice(0, system.ridge_columns)
+    product[:, columns] -= system.ridge[:, None] * solution.x[:, columns]
     return solution, np.abs(product - right).max(axis=0)
 
 
-def make_report(solution, welded, ridge, value_error, slope_error=np.nan):
+def make_report(solution, welded, damped, ridge, value_error, slope_error=np.nan):
     """The report of a fit from its solution."""
     return FitReport(
         solution.iterations,
@@ -113,6 +118,7 @@ def make_report(solution, welded, ridge, value_error, slope_error=np.nan):
         solution.condition,
         solution.bad_pivots,
         welded,
+        int(damped),
         ridge=ridge,
     )
 

@@ -33,6 +33,8 @@ class FitReport:
         Pivots of the preconditioner that were noise.
     welded : int
         Points that were dropped because they nearly coincide with another.
+    damped : int
+        Points whose values may give way, because they contradict a close neighbour.
     added : int
         Points that were added where edges were long.
     ridge : float
@@ -46,6 +48,7 @@ class FitReport:
     condition: float
     bad_pivots: int
     welded: int = 0
+    damped: int = 0
     added: int = 0
     ridge: float = 0.0
 

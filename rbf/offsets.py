@@ -13,7 +13,7 @@ from rbf.hermite import (
 )
 from rbf.interpolant import CompactInterpolant
 from rbf.kernels import find_kernel
-from rbf.spacing import WELD_PER_SPACING, check_finite, choose_support, weld
+from rbf.spacing import WELD_PER_SPACING, check_finite, choose_support, damping, weld
 from rbf.system import PointSystem
 
 OFFSET_PER_SPACING = 0.1
@@ -85,11 +85,13 @@ def fit_offsets(
     points, normals = points[kept], normals[kept]
     origin = points.min(axis=0)
     sites, step = (points - origin) / support_radius, normals * (offset / support_radius)
-    system = PointSystem(
-        sites, np.stack([sites, sites + step, sites - step], axis=1), kernel.order, ridge
-    )
+    damped = damping(points, normals, spacing, support_radius)
+    triples = np.stack([sites, sites + step, sites - step], axis=1)
+    system = PointSystem(sites, triples, kernel.order, np.maximum(ridge, damped))
     right = np.tile([0.0, offset / support_radius, -offset / support_radius], (len(points), 1))
     solution, error = solve_system(system, right, tolerance, neighbours)
-    report = make_report(solution, welded, ridge, error.max() * support_radius)
+    report = make_report(
+        solution, welded, np.count_nonzero(damped), ridge, error.max() * support_radius
+    )
     fit = (system, kernel, support_radius, spacing, origin, support_radius, report)
     return OffsetInterpolant(points, normals, offset, fit)

@@ -68,7 +68,7 @@ def fit_values(
     system = PointSystem(sites, sites[:, None], kernel.order, ridge)
     right = np.ascontiguousarray(values[system.site_order, None])
     solution, error = solve_system(system, right, tolerance, neighbours)
-    report = make_report(solution, welded, ridge, error[0])
+    report = make_report(solution, welded, 0, ridge, error[0])
     fit = (system, kernel, support_radius, spacing, origin, 1.0, report)
     return ValueInterpolant(points, values, fit)
 

@@ -30,20 +30,22 @@ class Preconditioner:
     ----------
     system : HermiteSystem or PointSystem
     neighbours : int
-        How many earlier sites a group of rows sees.
+        How many earlier sites a full group of rows sees (a smaller group sees more).
 
     Attributes
     ----------
     bad_pivots : int
         Pivots that were noise and were replaced: 0 on good input.
+    group_start : (g + 1,) int array
+        Group i is the sites group_start[i] to group_start[i + 1], in the order of the cells.
     """
 
     def __init__(self, system, neighbours):
         n, m = len(system.sites), system.unknowns_per_site
         grid = system.grid
         self._m = m
-        self._group_start, cells = _groups(grid.starts, GROUP_FUNCTIONALS // m)
-        largest = int(np.diff(self._group_start).max())
+        self.group_start, cells = _groups(grid.starts, GROUP_FUNCTIONALS // m)
+        largest = int(np.diff(self.group_start).max())
         self._columns = np.empty((len(cells), min(neighbours, n) + largest), np.int32)
         self._counts = np.empty(len(cells), np.int32)
         kernels.choose_columns(
@@ -51,7 +53,7 @@ class Preconditioner:
             cells,
             grid.arrays,
             system.sites,
-            self._group_start,
+            self.group_start,
             self._columns,
             self._counts,
         )
@@ -60,7 +62,7 @@ class Preconditioner:
 
     def _factor(self, system):
         m, counts = self._m, self._counts.astype(np.int64)
-        lengths = np.diff(self._group_start) * counts * m * m
+        lengths = np.diff(self.group_start) * counts * m * m
         self._offsets = np.concatenate([[0], np.cumsum(lengths)])
         self._entries = np.empty(self._offsets[-1], np.float32)
         bad = np.zeros(len(counts), np.int64)
@@ -71,7 +73,7 @@ class Preconditioner:
             m,
             system.positions,
             system.normals,
-            self._group_start,
+            self.group_start,
             self._columns,
             self._counts,
             self._offsets,
@@ -90,11 +92,15 @@ class Preconditioner:
             self._m, self._columns, self._counts, self._product_start, self._starts, self._places
         )
 
+    def columns(self):
+        """For each group, the sites its rows see: earlier ones, then its own."""
+        return [row[:count] for row, count in zip(self._columns, self._counts)]
+
     def apply(self, residual, out):
         """out = G^T G residual, arrays (n, m)."""
         kernels.apply_rows(
             self._m,
-            self._group_start,
+            self.group_start,
             self._columns,
             self._counts,
             self._offsets,

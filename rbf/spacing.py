@@ -9,6 +9,8 @@ from meshes import InvalidCase, InvalidMesh
 
 SUPPORT_PER_SPACING = 6.0  # support radius in spacings
 WELD_PER_SPACING = 1e-4  # points nearer than this (in spacings) are one
+CLOSE_PER_SPACING = 0.02  # points nearer than this may contradict each other
+DAMPING = 1e3  # ridge per squared contradiction (in support radii)
 SAMPLES = 4000  # points whose neighbours are looked at
 
 
@@ -107,3 +109,26 @@ def weld(points, distance):
     np.minimum.at(first, label, np.arange(len(points)))
     kept = np.sort(first)
     return kept, np.searchsorted(kept, first[label])
+
+
+def damping(points, normals, spacing, support_radius):
+    """Ridge (n,) of points that contradict a close neighbour, 0 for all others.
+
+    Two points much nearer than the spacing, one above the other along the normal, ask for a
+    surface that turns on the spot; an interpolant obeys with waves of the size of the spacing.
+    Where the height exceeds what a curvature of two over the spacing explains, both values may
+    give way by about that height.
+    """
+    ridge = np.zeros(len(points))
+    pairs = cKDTree(points).query_pairs(CLOSE_PER_SPACING * spacing, output_type="ndarray")
+    if len(pairs):
+        i, j = pairs.T
+        apart = points[j] - points[i]
+        height = np.maximum(
+            np.abs(np.einsum("ij,ij->i", apart, normals[i])),
+            np.abs(np.einsum("ij,ij->i", apart, normals[j])),
+        )
+        height[height * spacing <= np.einsum("ij,ij->i", apart, apart)] = 0.0
+        for site in (i, j):
+            np.maximum.at(ridge, site, DAMPING * (height / support_radius) ** 2)
+    return ridge

@@ -23,7 +23,7 @@ class HermiteSystem:
         Sites in units of the support radius, and unit normals.
     order : int
         k of Wendland's phi_{3,k}, at least 1.
-    ridge : float
+    ridge : float or (n,) float array
         Added to the diagonal entries of the values (which are 1).
     """
 
@@ -32,11 +32,12 @@ class HermiteSystem:
     hermite = True
 
     def __init__(self, points, normals, order, ridge=0.0):
-        self.order, self.ridge = order, ridge
+        self.order = order
         self.grid = CellGrid(points)
         self.sites = self.positions = np.ascontiguousarray(points[self.grid.order])
         self.normals = np.ascontiguousarray(normals[self.grid.order])
         self.site_order = self.grid.order
+        self.ridge = _sorted_ridge(ridge, self.site_order)
         self.centre_grid = self.grid
         self.centres = np.zeros((len(points), 7))
         self.centres[:, :3] = self.sites
@@ -80,17 +81,18 @@ class PointSystem:
         Where the values of each site are given.
     order : int
         k of Wendland's phi_{3,k}.
-    ridge : float
+    ridge : float or (n,) float array
         Added to the diagonal (whose entries are 1).
     """
 
     hermite = False
 
     def __init__(self, sites, positions, order, ridge=0.0):
-        self.order, self.ridge = order, ridge
+        self.order = order
         self.unknowns_per_site = self.ridge_columns = positions.shape[1]
         self.grid = CellGrid(sites)
         self.site_order = self.grid.order
+        self.ridge = _sorted_ridge(ridge, self.site_order)
         self.sites = np.ascontiguousarray(sites[self.site_order])
         self.positions = np.ascontiguousarray(positions[self.site_order].reshape(-1, 3))
         self.normals = np.empty((0, 3))
@@ -127,5 +129,9 @@ class PointSystem:
             self._value,
             self._gradient,
         )
-        np.multiply(x, self.ridge, out=out)
+        np.multiply(x, self.ridge[:, None], out=out)
         out += self._value.reshape(out.shape)
+
+
+def _sorted_ridge(ridge, order):
+    return np.ascontiguousarray(np.broadcast_to(np.asarray(ridge, dtype=float), order.shape)[order])
