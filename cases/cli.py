@@ -66,6 +66,8 @@ def make_app(command, takes_file, run):
         "isosurface, smoothing, curvature-adapted remeshing.",
         help_format="plaintext",
         version_flags=[],
+        result_action="return_value",
+        suppress_keyboard_interrupt=False,
     )
 
     def _run(

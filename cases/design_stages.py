@@ -55,17 +55,6 @@ class MeshStage:
         return f"{tets:,} tetrahedra, {nodes:,} nodes"
 
 
-class RecordingModel(ElasticModel):
-    """An ElasticModel that keeps its last solution, for the snapshots of the fields."""
-
-    last = None
-
-    def solve(self, phi, start=None, tolerance=1e-6):
-        state = super().solve(phi, start, tolerance)
-        self.last = (phi, state)
-        return state
-
-
 class TopoptStage:
     """The optimised phase field."""
 
@@ -82,10 +71,10 @@ class TopoptStage:
         )
         conditions = boundary_conditions(run.mesh, run.problem, log=LOG.warning)
         check_rigid_motions(run.mesh, run.problem, conditions.fixed)
-        model = RecordingModel(run.mesh, run.problem, conditions, section.solver)
+        model = ElasticModel(run.mesh, run.problem, conditions, section.solver)
         series = FieldSeries(run.folder / "fields", run.mesh)
         with HistoryFile(run.folder / "history.csv") as history:
-            watch = _Watch(run, model, series, history)
+            watch = _Watch(run, series, history)
             result = optimize(run.mesh, run.problem, settings, callback=watch, model=model)
         self._keep(run, result, model, conditions, series)
         if result.outcome == "interrupted":
@@ -108,13 +97,11 @@ class TopoptStage:
         }
         run.figures["topopt"] = _design_figures(run, result, model, conditions, stress)
         save_design(run.folder / "phase_field.npz", run.design, run.fields, run.figures["topopt"])
-        energy = stiffness_factor(phi, run.mesh.tets, run.problem.material.void_ratio)
-        energy = energy * state.energy_density
         series.write(
             result.history[-1].iteration,
             phi,
             state.displacement,
-            energy,
+            _elastic_energy(run, phi, state),
             {"von_mises_Pa": stress},
         )
 
@@ -132,12 +119,12 @@ class TopoptStage:
 class _Watch:
     """The optimiser's callback: history, snapshots and progress."""
 
-    def __init__(self, run, model, series, history):
-        self._run, self._model, self._series, self._history = run, model, series, history
+    def __init__(self, run, series, history):
+        self._run, self._series, self._history = run, series, history
         self._steps = run.case.topopt.steps
         self._snapshots = snapshot_steps(run.case.output.snapshots, self._steps)
 
-    def __call__(self, row, field):
+    def __call__(self, row, loop):
         self._run.reporter.update(
             f"J = {row.objective_J:.5g} J, KKT {row.kkt_residual:.2g}, tau {row.tau:.2g}",
             row.iteration,
@@ -150,15 +137,16 @@ class _Watch:
             *(row.iteration, row.objective_J, row.compliance_J, row.tau),
             *(row.rejected, row.kkt_residual, row.state_iterations),
         )
-        if row.iteration in self._snapshots and self._model.last is not None:
-            phi, state = self._model.last
-            if np.array_equal(phi, field.values):
-                factor = stiffness_factor(
-                    phi, self._run.mesh.tets, self._run.problem.material.void_ratio
-                )
-                self._series.write(
-                    row.iteration, phi, state.displacement, factor * state.energy_density
-                )
+        if row.iteration in self._snapshots:
+            state = loop.state
+            energy = _elastic_energy(self._run, loop.phi, state)
+            self._series.write(row.iteration, loop.phi, state.displacement, energy)
+
+
+def _elastic_energy(run, phi, state):
+    """Elastic energy density C(phi) eps(u) : eps(u) (m,) [J/m^3] on each tet."""
+    factor = stiffness_factor(phi, run.mesh.tets, run.problem.material.void_ratio)
+    return factor * state.energy_density
 
 
 def _design_figures(run, result, model, conditions, stress):

@@ -195,7 +195,7 @@ def _plotter():
     pyvista.OFF_SCREEN = True
     plotter = pyvista.Plotter(off_screen=True, window_size=_SIZE)
     plotter.set_background("white")
-    plotter.enable_anti_aliasing("ssaa")
+    plotter.enable_anti_aliasing("msaa", multi_samples=4)
     return plotter
 
 

@@ -62,6 +62,8 @@ def main(arguments=None):
         help="Remesh a surface so that small triangles lie where it curves.",
         help_format="plaintext",
         version_flags=[],
+        result_action="return_value",
+        suppress_keyboard_interrupt=False,
     )
     app.default(_remesh)
     tokens = sys.argv[1:] if arguments is None else list(arguments)

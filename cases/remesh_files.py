@@ -42,8 +42,10 @@ def remesh_file(request, sigma, parse_length, reporter):
     require_valid(surface, closed=False, name=str(request.source))
     surface = find_features(surface)
     sigma = sigma_length(sigma, surface.diagonal, parse_length)
-    reporter.update("fitting the interpolant")
-    surfaces = fit_surfaces(surface)
+    surfaces = None  # the input's own triangles, smoothed
+    if not request.smooth:
+        reporter.update("fitting the interpolant")
+        surfaces = fit_surfaces(surface)
     settings = RemeshSettings(
         **Target(request.vertices, request.edge_length).for_surface(surface),
         sigma=sigma,
