@@ -1,0 +1,231 @@
+"""Whole surfaces: valid, fine as asked, true to features, planes, scale and rotation."""
+
+import numpy as np
+import pytest
+
+from meshes import InvalidCase, InvalidMesh, PlaneSurface, TriMesh
+from meshes.features import find_features
+from meshes.quality import signed_volume
+from meshes.self_intersection import self_intersecting_faces
+from meshes.topology import feature_corners, topology
+from remesh import RemeshSettings, TriangleSurface, remesh
+from remesh.embedding import corner_edge_lengths, face_corner_embedding, smallest_angles
+from tests.remesh.shapes import cut_sphere, cylinder, hemisphere, jittered, rotation
+from tests.shapes import SphereSurface, TorusSurface, cube, icosphere, torus
+
+
+def check(mesh, genus=0, loops=0, worst=10.0, mean=45.0):
+    """Manifold, without self-intersections, well shaped; returns the smallest angles."""
+    found = topology(mesh.faces, len(mesh.points))
+    assert found.manifold and found.oriented
+    assert (found.genus, found.boundary_loops, found.components) == (genus, loops, 1)
+    assert found.vertices == len(mesh.points)
+    assert not self_intersecting_faces(mesh.points, mesh.faces).any()
+    angles = smallest_angles(mesh.points[mesh.faces])
+    assert angles.min() >= worst
+    assert angles.mean() >= mean
+    return angles
+
+
+def outward_cosine(mesh, surface):
+    """Least cosine of faces' normals to the surface's normals at their corners."""
+    corners = mesh.points[mesh.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    gradient = surface.gradient(mesh.points)
+    gradient /= np.linalg.norm(gradient, axis=1)[:, None]
+    return np.einsum("md,mkd->mk", normal, gradient[mesh.faces]).min()
+
+
+@pytest.mark.parametrize("algorithm", ["pliant", "thesis"])
+@pytest.mark.parametrize("sigma", [0.0, 0.6])
+def test_sphere(sigma, algorithm):
+    surface = SphereSurface()
+    settings = RemeshSettings(edge_length=0.25, sigma=sigma, algorithm=algorithm)
+    result = remesh(icosphere(3), surface, settings)
+    mesh = result.mesh
+    check(mesh, worst=25.0)
+    assert outward_cosine(mesh, surface) > 0.9
+    assert np.abs(surface.value(mesh.points)).max() < 0.02
+    flat = corner_edge_lengths(mesh.points[mesh.faces])
+    normals = surface.gradient(mesh.points)[mesh.faces]
+    full = corner_edge_lengths(face_corner_embedding(mesh.points, mesh.faces, normals, sigma))
+    np.testing.assert_allclose(full, flat * np.sqrt(1.0 + sigma**2), rtol=0.05)
+    assert full.mean() == pytest.approx(0.25, rel=0.1 if algorithm == "pliant" else 0.2)
+    assert np.mean((full > 0.125) & (full < 0.375)) > 0.99
+    assert result.statistics.inverted_faces == result.statistics.self_intersecting_faces == 0
+
+
+@pytest.mark.parametrize("algorithm", ["pliant", "thesis"])
+def test_torus(algorithm):
+    surface = TorusSurface()
+    settings = RemeshSettings(edge_length=0.16, sigma=0.2, algorithm=algorithm)
+    mesh = remesh(torus(), surface, settings).mesh
+    check(mesh, genus=1, worst=15.0, mean=40.0)
+    assert outward_cosine(mesh, surface) > 0.8
+    assert np.abs(surface.value(mesh.points)).max() < 0.01
+
+
+def test_vertex_count_and_volume_are_met():
+    mesh = jittered(icosphere(3), 0.1, 0)
+    for vertices in (60, 500, 1500):
+        result = remesh(mesh, settings=RemeshSettings(vertices=vertices))
+        assert abs(len(result.mesh.points) - vertices) <= 0.02 * vertices
+        assert signed_volume(result.mesh) == pytest.approx(signed_volume(mesh), rel=1e-3)
+        check(result.mesh, worst=20.0, mean=48.0)
+
+
+def test_sigma_makes_triangles_follow_curvature():
+    surface = TorusSurface()
+    angles = []
+    for sigma in (0.0, 0.5):
+        settings = RemeshSettings(vertices=800, sigma=sigma)
+        mesh = remesh(torus(), surface, settings).mesh
+        normals = surface.gradient(mesh.points)[mesh.faces]
+        corners = face_corner_embedding(mesh.points, mesh.faces, normals, 0.5)
+        angles.append(smallest_angles(corners).mean())
+    assert angles[1] > angles[0] + 3.0
+
+
+def test_cube_keeps_edges_corners_and_planes():
+    mesh = find_features(cube())
+    result = remesh(mesh, settings=RemeshSettings(vertices=500)).mesh
+    check(result, worst=25.0)
+    assert len(result.points) == pytest.approx(500, rel=0.02)
+    corners = result.points[feature_corners(result)]
+    assert {tuple(p) for p in corners} == {tuple(p) for p in mesh.points}
+    for label, patch in enumerate(result.labels):
+        points = result.points[np.unique(result.faces[result.face_labels == label])]
+        assert np.abs(patch.plane.signed_distance(points)).max() == 0.0
+    ends = result.points[result.feature_edges]
+    flat = np.isclose(ends, 0.0, atol=0.0) | np.isclose(ends, 1.0, atol=0.0)
+    assert (flat.all(axis=1).sum(axis=1) >= 2).all()
+    assert np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum() == pytest.approx(12.0)
+    assert signed_volume(result) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_cylinder_keeps_caps_and_rims():
+    mesh = cylinder()
+    result = remesh(mesh, settings=RemeshSettings(vertices=600, sigma=0.3)).mesh
+    check(result, worst=15.0, mean=42.0)
+    assert len(result.labels) == 3
+    for label, patch in enumerate(result.labels):
+        points = result.points[np.unique(result.faces[result.face_labels == label])]
+        if patch.plane is None:
+            assert np.abs(np.hypot(points[:, 0], points[:, 1]) - 1.0).max() < 0.01
+        else:
+            assert np.abs(patch.plane.signed_distance(points)).max() == 0.0
+    rim = np.linalg.norm(np.diff(result.points[result.feature_edges], axis=1), axis=2).sum()
+    assert rim == pytest.approx(4 * np.pi, rel=0.02)
+
+
+def test_cut_sphere_keeps_cap_and_rim():
+    mesh = cut_sphere(level=0.4)
+    surfaces = [SphereSurface(), PlaneSurface(mesh.labels[1].plane)]
+    result = remesh(mesh, surfaces, RemeshSettings(vertices=600)).mesh
+    check(result, worst=20.0)
+    cap = np.unique(result.faces[result.face_labels == 1])
+    assert (result.points[cap, 2] == 0.4).all()
+    rim = np.unique(result.feature_edges)
+    radius = np.hypot(result.points[rim, 0], result.points[rim, 1])
+    np.testing.assert_allclose(radius, np.sqrt(1 - 0.16), atol=0.004)
+    ball = np.setdiff1d(np.unique(result.faces[result.face_labels == 0]), rim)
+    np.testing.assert_allclose(np.linalg.norm(result.points[ball], axis=1), 1.0, atol=0.01)
+
+
+def test_open_boundary_stays_where_it_is():
+    mesh = hemisphere(4)
+    result = remesh(mesh, settings=RemeshSettings(vertices=400)).mesh
+    check(result, loops=1, worst=15.0)
+    before = TriangleSurface(mesh).carrier.mesh
+    rim, edges = result.points[np.unique(result.feature_edges)], before.feature_edges
+    a, b = before.points[edges[:, 0]], before.points[edges[:, 1]]
+    for point in rim:
+        s = np.clip(np.einsum("ij,ij->i", point - a, b - a) / ((b - a) ** 2).sum(axis=1), 0, 1)
+        assert np.linalg.norm(a + s[:, None] * (b - a) - point, axis=1).min() < 1e-12
+
+
+def test_powers_of_two_change_nothing_but_the_scale():
+    mesh = jittered(torus(n_major=24, n_minor=12), 0.1, 1)
+    first = remesh(mesh, settings=RemeshSettings(vertices=250, sigma=0.1)).mesh
+    for power in (-30, 20):
+        scale = 2.0**power
+        scaled = mesh.with_points(scale * mesh.points)
+        settings = RemeshSettings(vertices=250, sigma=scale * 0.1)
+        other = remesh(scaled, settings=settings).mesh
+        np.testing.assert_array_equal(first.faces, other.faces)
+        np.testing.assert_array_equal(scale * first.points, other.points)
+
+
+def test_scale_and_rotation_change_little():
+    mesh = jittered(torus(n_major=36, n_minor=16), 0.1, 1)
+    first = remesh(mesh, settings=RemeshSettings(edge_length=0.2, sigma=0.1)).mesh
+    angle = smallest_angles(first.points[first.faces]).mean()
+    for scale, turn in (
+        (1e-3, np.eye(3)),
+        (1e3, np.eye(3)),
+        (1.0, rotation(0)),
+        (7.0, rotation(1)),
+    ):
+        moved = mesh.with_points(scale * (mesh.points @ turn.T + 3.0))
+        settings = RemeshSettings(edge_length=0.2 * scale, sigma=0.1 * scale)
+        other = remesh(moved, settings=settings).mesh
+        assert len(other.points) == pytest.approx(len(first.points), rel=0.05)
+        found = smallest_angles(other.points[other.faces]).mean()
+        assert found == pytest.approx(angle, rel=0.03)
+
+
+def test_two_runs_are_the_same():
+    mesh = jittered(icosphere(3), 0.2, 3)
+    settings = RemeshSettings(vertices=300, sigma=0.3, smoothing=5)
+    first, second = remesh(mesh, settings=settings).mesh, remesh(mesh, settings=settings).mesh
+    np.testing.assert_array_equal(first.points, second.points)
+    np.testing.assert_array_equal(first.faces, second.faces)
+
+
+def test_smoothing_the_carrier_tames_jagged_input():
+    mesh = jittered(icosphere(4), 0.3, 3)
+    surface = TriangleSurface(mesh)
+    result = remesh(mesh, surface, RemeshSettings(vertices=800, smoothing=10)).mesh
+    check(result, worst=25.0, mean=50.0)
+    assert np.abs(np.linalg.norm(result.points, axis=1) - 1.0).mean() < 0.01
+    assert signed_volume(result) == pytest.approx(signed_volume(mesh), rel=1e-3)
+
+
+def bad_meshes():
+    sphere = icosphere(1)
+    two = np.concatenate([sphere.faces, [[0, 1, 2]]])
+    nan = sphere.points.copy()
+    nan[3] = np.nan
+    turned = sphere.faces.copy()
+    turned[5] = turned[5][::-1]
+    return {
+        "no faces": TriMesh(sphere.points, np.zeros((0, 3), int)),
+        "not finite": TriMesh(nan, sphere.faces),
+        "not an oriented manifold": TriMesh(sphere.points, two),
+        "oriented differently": TriMesh(sphere.points, turned),
+    }
+
+
+@pytest.mark.parametrize("words", list(bad_meshes()))
+def test_bad_input_is_refused_in_a_sentence(words):
+    with pytest.raises(InvalidMesh, match=words):
+        remesh(bad_meshes()[words])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"vertices": 100, "edge_length": 1.0},
+        {"vertices": 2},
+        {"edge_length": 0.0},
+        {"sigma": -1.0},
+        {"iterations": 0},
+        {"algorithm": "magic"},
+        {"smoothing": -1},
+    ],
+    ids=str,
+)
+def test_bad_settings_are_refused(options):
+    with pytest.raises(InvalidCase):
+        RemeshSettings(**options)
