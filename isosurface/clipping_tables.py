@@ -14,7 +14,7 @@ TET_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 def _edge(a, b):
     """Local number of the edge between local nodes a and b."""
-    return int(np.flatnonzero((TET_EDGES == sorted((a, b))).all(axis=1))[0])
+    return int(np.flatnonzero(np.all(np.equal(TET_EDGES, sorted((a, b))), axis=1))[0])
 
 
 def _tet_tables():

@@ -19,7 +19,7 @@ class FoldCheck:
 
     Faces of planar labels are compared with their plane; the others with the normals of the
     vertices around, averaged twice, which the jags of a raw isosurface do not disturb. Vertices
-    that share a face with a plane's vertices (a cap's, a symmetry plane's) stay on their side.
+    stay on their side of symmetry planes, and of caps with which they share a face.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class FoldCheck:
         offsets = [p.plane.offset for p in surface.labels if p.plane is not None]
         self._offsets = np.array([*offsets, *(plane.offset for plane in symmetry)], dtype=float)
         self._normals = structure.normals
-        beside = _beside_planes(surface.faces, structure.on_plane)
+        beside = _beside_planes(surface.faces, structure.on_plane, len(symmetry))
         distance = self._distances(surface.points, beside)
         self._beside = tuple(index[distance != 0.0] for index in beside)
         self._before = distance[distance != 0.0]
@@ -102,11 +102,15 @@ def _reference_normals(surface, structure):
     return reference
 
 
-def _beside_planes(faces, on_plane):
-    """Vertices off a plane that share a face with one on it: vertices (k,), planes (k,)."""
+def _beside_planes(faces, on_plane, symmetry_count):
+    """Vertices that must stay on their side of a plane: vertices (k,), planes (k,).
+
+    Those off a plane that share a face with one on it; off symmetry planes, which come last, all.
+    """
     beside = np.zeros(on_plane.shape, dtype=bool)
     for k in range(on_plane.shape[1]):
         beside[faces[on_plane[faces, k].any(axis=1)], k] = True
+    beside[:, on_plane.shape[1] - symmetry_count :] = True
     return np.nonzero(beside & ~on_plane)
 
 

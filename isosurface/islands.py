@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from isosurface.clipping_tables import TET_EDGES
 from isosurface.solid_volume import solid_volumes
 from isosurface.symmetry import snapped_to_symmetry
 from meshes import InvalidMesh, PhaseField
+from meshes.edges import components
 from meshes.tet_mesh import tet_volumes
 
 
@@ -91,11 +90,9 @@ def _pieces(tets, chosen):
     """Connect chosen nodes along edges: number of pieces, piece (n,) of each node or -1."""
     edges = tets[:, TET_EDGES].reshape(-1, 2)
     edges = edges[chosen[edges].all(axis=1)]
-    size = len(chosen)
-    graph = coo_matrix((np.ones(len(edges), np.int8), tuple(edges.T)), shape=(size, size))
-    _, label = connected_components(graph, directed=False)
+    _, label = components(edges[:, 0], edges[:, 1], len(chosen))
     names, number = np.unique(label[chosen], return_inverse=True)
-    piece = np.full(size, -1)
+    piece = np.full(len(chosen), -1)
     piece[chosen] = number
     return len(names), piece
 

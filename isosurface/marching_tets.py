@@ -17,7 +17,7 @@ from isosurface.clipping_tables import (
 from isosurface.crossing import crossing_parameter
 from isosurface.symmetry import snapped_to_symmetry
 from meshes import InvalidMesh, Patch, TriMesh
-from meshes.topology import label_boundaries
+from meshes.curves import label_boundaries
 
 ISOSURFACE = Patch("isosurface")
 

@@ -5,7 +5,7 @@ import numpy as np
 from isosurface.marching_tets import labelled_surface
 from isosurface.symmetry import on_symmetry_planes
 from meshes import InvalidMesh, Patch, Plane, TriMesh
-from meshes.topology import edge_table
+from meshes.edges import edge_table
 
 
 def mirror(surface, symmetry):

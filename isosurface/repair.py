@@ -20,8 +20,8 @@ from isosurface.sliver_kernels import (
 )
 from isosurface.structure import surface_structure
 from meshes import InvalidMesh, TriMesh
+from meshes.curves import feature_mask, label_boundaries
 from meshes.quality import area_vectors, normalised, triangle_angles
-from meshes.topology import feature_mask, label_boundaries
 
 RAMP = 4  # sweeps in which the length below which edges are collapsed grows
 
@@ -52,6 +52,11 @@ class RepairSettings:
     ear_shape: float = 0.3
     least_cosine: float = 0.3
     sweeps: int = 20
+
+    @property
+    def limits(self):
+        """The same for the kernels."""
+        return Limits(*(getattr(self, name) for name in Limits._fields))
 
 
 @dataclass(frozen=True)
@@ -98,8 +103,8 @@ def repair_slivers(surface, symmetry=(), settings=None):
     """
     settings = RepairSettings() if settings is None else settings
     structure = surface_structure(surface, symmetry)
-    mesh = _half_edges(surface, structure)
-    limits = Limits(*(getattr(settings, name) for name in Limits._fields))
+    mesh = half_edges(surface, structure)
+    limits = settings.limits
     collapses = flips = 0
     for sweep in range(settings.sweeps):
         ramp = min(1.0, (sweep + 1) / RAMP)  # the shortest edges first
@@ -113,7 +118,7 @@ def repair_slivers(surface, symmetry=(), settings=None):
     return repaired, RepairReport(collapses, flips, _worst(surface), _worst(repaired))
 
 
-def _half_edges(surface, structure):
+def half_edges(surface, structure):
     """The kernels' arrays of a surface."""
     table = structure.table
     if (table.count > 2).any():

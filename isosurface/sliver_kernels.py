@@ -51,7 +51,7 @@ def origin(mesh, h):
 
 @_inner
 def gather_fan(mesh, vertex, ring):
-    """Put all half-edges that leave a vertex into ring (at least RING,); their number, -1 if too many."""
+    """Put all half-edges that leave a vertex into ring (RING or more,); their number, or -1."""
     start = mesh.out[vertex]
     h, count = start, 0
     while True:
@@ -135,7 +135,7 @@ def measure_face(mesh, face, first, moved, position, normal):
 @_inner
 def corner_at(rows, vertex, first, moved, position):
     """Row of a vertex; `position` for the vertices `first` and `moved`."""
-    if vertex == first or vertex == moved:
+    if vertex == first or vertex == moved:  # noqa: SIM109
         return position
     return row(rows, vertex)
 

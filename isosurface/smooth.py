@@ -186,18 +186,16 @@ def _restore(surface, points, held, check, structure, settings, symmetry):
     """Offset to the volume; vertices that would fold a face stay, and the others make up for it."""
     volume = settings.target_volume
     volume = modelled_volume(surface, symmetry) if volume is None else volume
-    directions = offset_directions(surface.with_points(points), structure)
-    directions = follow_rims(structure, directions)
+    start = surface.with_points(points)
+    directions = follow_rims(structure, offset_directions(start, structure))
     for _ in range(RESTORE_ROUNDS):
-        start = surface.with_points(points)
         moved, offset = offset_to_volume(start, directions, volume, symmetry)
         settled, stuck = check.retreat(points, moved)
         if not stuck.any():
-            return moved, held, offset
+            break
         directions[stuck] = 0.0
         held = held | stuck
-    moved, offset = offset_to_volume(start, directions, volume, symmetry)
-    return check.retreat(points, moved)[0], held, offset
+    return settled, held, offset
 
 
 def _worst_angle(surface):

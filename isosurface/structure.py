@@ -11,7 +11,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from isosurface.symmetry import on_symmetry_planes
-from meshes.topology import EdgeTable, edge_table, feature_mask
+from meshes.curves import feature_mask
+from meshes.edges import EdgeTable, edge_table
 
 
 @dataclass(frozen=True, eq=False)
