@@ -10,13 +10,16 @@ below as preconditioner instead (K-cycle, Notay and Vassilevski 2008): that is c
 level is small.
 """
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from topopt.multigrid import cycle_kernels as kernels
 
 SINGLE = np.float32
+SERIAL_BYTES = 2**21  # a matrix of this size takes a core about 0.2 ms
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,23 @@ class CycleSettings:
 
 def apply_cycle(levels, settings, depth=0):
     """Put an approximation of A^-1 f into x of levels[depth], for the f that stands there."""
+    with threads_that_pay(levels[depth]):
+        _apply_cycle(levels, settings, depth)
+
+
+@contextmanager
+def threads_that_pay(level):
+    """One thread where a level's matrix is so small that waking the others costs more."""
+    threads = numba.get_num_threads()
+    if level.blocks.nbytes < SERIAL_BYTES:
+        numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(threads)
+
+
+def _apply_cycle(levels, settings, depth):
     level = levels[depth]
     if level.transfer is None:
         kernels.dense_product(
@@ -106,6 +126,11 @@ def _go_on(level, steps):
 
 def solve_by_krylov(levels, settings, depth):
     """Two steps of flexible conjugate gradients on levels[depth], the cycle as preconditioner."""
+    with threads_that_pay(levels[depth]):
+        _solve_by_krylov(levels, settings, depth)
+
+
+def _solve_by_krylov(levels, settings, depth):
     level = levels[depth]
 
     def dot(a, b):

@@ -27,7 +27,7 @@ MAX_LEVELS = 12
 PIVOT_FLOOR = 1e-6  # of a diagonal entry: below it a pivot is rounding
 COARSEST_SHIFT = 1e-7  # relative to the diagonal: the rounding of single precision
 REFERENCE_POWER_STEPS = 20
-POWER_STEPS = 3
+POWER_STEPS = 5
 
 
 class Level:
@@ -167,15 +167,17 @@ class Hierarchy:
         that of the uniform material, from which the estimates of lambda_max start.
     modes : (n, 3, 6) float array
         Near-null modes (rigid-body motions), zero at fixed degrees of freedom.
+    coarsest : int
+        A level of at most so many unknowns is the last: it is inverted as a dense matrix.
     """
 
-    def __init__(self, matrix, modes):
+    def __init__(self, matrix, modes, coarsest=COARSEST_UNKNOWNS):
         self.levels = []
         self.aggregations = []
         self._blas = ThreadpoolController()
         pattern = Pattern.of(matrix)
         graph = pattern.graph()
-        while pattern.rows * modes.shape[1] > COARSEST_UNKNOWNS and len(self.levels) < MAX_LEVELS:
+        while pattern.rows * modes.shape[1] > coarsest and len(self.levels) < MAX_LEVELS:
             aggregation = aggregate_level(graph.indptr, graph.indices, modes)
             if aggregation.count >= 0.8 * pattern.rows or aggregation.count == 0:
                 break

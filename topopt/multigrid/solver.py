@@ -8,8 +8,8 @@ import numpy as np
 
 from meshes.errors import NotConverged
 from topopt.multigrid import solver_kernels as kernels
-from topopt.multigrid.cycle import CycleSettings, apply_cycle
-from topopt.multigrid.hierarchy import Hierarchy
+from topopt.multigrid.cycle import CycleSettings, apply_cycle, threads_that_pay
+from topopt.multigrid.hierarchy import COARSEST_UNKNOWNS, Hierarchy
 from topopt.multigrid.patterns import INDEX
 from topopt.solution import Solution
 
@@ -25,12 +25,16 @@ class MultigridSolver:
         Rigid-body modes, zero at the fixed degrees of freedom.
     settings : CycleSettings, optional
     max_iterations : int
+    coarsest : int
+        See `Hierarchy`.
     """
 
     name = "multigrid"
 
-    def __init__(self, matrix, modes, settings=None, max_iterations=200):
-        self.hierarchy = Hierarchy(matrix, modes)
+    def __init__(
+        self, matrix, modes, settings=None, max_iterations=200, coarsest=COARSEST_UNKNOWNS
+    ):
+        self.hierarchy = Hierarchy(matrix, modes, coarsest)
         self.settings = settings or CycleSettings()
         self._max_iterations = max_iterations
         self._chunks = self.hierarchy.levels[0].chunks
@@ -39,7 +43,8 @@ class MultigridSolver:
     def update(self, matrix):
         """Take a new matrix (bsr_array in 3 x 3 blocks) with the pattern of this solver."""
         self._matrix = (matrix.indptr.view(INDEX), matrix.indices.view(INDEX), matrix.data)
-        self.hierarchy.update(matrix.data)
+        with threads_that_pay(self.hierarchy.levels[0]):
+            self.hierarchy.update(matrix.data)
 
     def solve(self, right_side, start=None, tolerance=1e-6):
         """Solve K u = right_side (n, 3) to |f - K u| <= tolerance |f|: a Solution.
@@ -49,6 +54,10 @@ class MultigridSolver:
         NotConverged
             With the history of relative residuals, if the iteration stalls or breaks down.
         """
+        with threads_that_pay(self.hierarchy.levels[0]):
+            return self._solve(right_side, start, tolerance)
+
+    def _solve(self, right_side, start, tolerance):
         f = np.ascontiguousarray(right_side, dtype=float)
         x = np.zeros_like(f) if start is None else np.array(start, dtype=float, order="C")
         history = []
