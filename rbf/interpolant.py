@@ -24,9 +24,10 @@ class FitReport:
         Of conjugate gradients.
     residual : float
         True relative residual of the linear system, in the 2-norm.
-    value_error, slope_error : float
-        Largest deviation from the data: of the values, in the unit of the values, and of the
-        normal derivatives (NaN if the form prescribes none).
+    value_error, misfit : float
+        Deviation of the values from the data, largest and root mean square, in their unit.
+    slope_error : float
+        Largest deviation of the normal derivatives (NaN if the form prescribes none).
     condition : float
         Condition number of the preconditioned system, as the iteration saw it.
     bad_pivots : int
@@ -44,6 +45,7 @@ class FitReport:
     iterations: int
     residual: float
     value_error: float
+    misfit: float
     slope_error: float
     condition: float
     bad_pivots: int
@@ -74,6 +76,7 @@ class CompactInterpolant:
         self.kernel, self.support_radius, self.spacing = kernel, support_radius, spacing
         self.report = report
         self._origin, self._unit = origin, unit
+        self._system = system
         self._grid = system.centre_grid
         self._centres, self._hermite = system.centres, system.hermite
         self._tree = None

@@ -3,13 +3,13 @@
 import numpy as np
 
 from meshes import InvalidCase
-from rbf.hermite import (
+from rbf.fit import (
     NEIGHBOURS,
     TOLERANCE,
     check_parameters,
     check_unit_normals,
+    fit_system,
     make_report,
-    solve_system,
 )
 from rbf.interpolant import CompactInterpolant
 from rbf.kernels import find_kernel
@@ -45,6 +45,7 @@ def fit_offsets(
     tolerance=TOLERANCE,
     neighbours=NEIGHBOURS,
     ridge=0.0,
+    noise=None,
     kernel="wendland_c2",
     weld_distance=None,
 ):
@@ -56,7 +57,7 @@ def fit_offsets(
     offset : float, optional
         e, in the unit of the points; a tenth of the spacing if not given (`thesis_offset` has
         the thesis's formula).
-    support_radius, tolerance, neighbours, ridge, kernel, weld_distance
+    support_radius, tolerance, neighbours, ridge, noise, kernel, weld_distance
         See `fit_hermite`.
 
     Returns
@@ -75,7 +76,7 @@ def fit_offsets(
     kernel = find_kernel(kernel, compact=True)
     points = check_finite(points, "points")
     normals = check_unit_normals(points, normals)
-    check_parameters(tolerance, neighbours, ridge)
+    check_parameters(tolerance, neighbours, ridge, noise)
     support_radius, spacing = choose_support(points, support_radius)
     offset = OFFSET_PER_SPACING * spacing if offset is None else float(offset)
     if not 0.0 < offset < support_radius:
@@ -87,11 +88,23 @@ def fit_offsets(
     sites, step = (points - origin) / support_radius, normals * (offset / support_radius)
     damped = damping(points, normals, spacing, support_radius)
     triples = np.stack([sites, sites + step, sites - step], axis=1)
-    system = PointSystem(sites, triples, kernel.order, np.maximum(ridge, damped))
+
+    def make_system(ridge):
+        return PointSystem(sites, triples, kernel.order, np.maximum(ridge, damped))
+
     right = np.tile([0.0, offset / support_radius, -offset / support_radius], (len(points), 1))
-    solution, error = solve_system(system, right, tolerance, neighbours)
+    noise = None if noise is None else noise / support_radius
+    system, solution, ridge, errors = fit_system(
+        make_system, right, tolerance, neighbours, ridge, noise
+    )
     report = make_report(
-        solution, welded, np.count_nonzero(damped), ridge, error.max() * support_radius
+        system,
+        solution,
+        ridge,
+        errors,
+        support_radius,
+        welded=welded,
+        damped=(damped > 0).sum(),
     )
     fit = (system, kernel, support_radius, spacing, origin, support_radius, report)
     return OffsetInterpolant(points, normals, offset, fit)

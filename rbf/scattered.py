@@ -3,7 +3,7 @@
 import numpy as np
 
 from meshes import InvalidMesh
-from rbf.hermite import NEIGHBOURS, TOLERANCE, check_parameters, make_report, solve_system
+from rbf.fit import NEIGHBOURS, TOLERANCE, check_parameters, fit_system, make_report
 from rbf.interpolant import CompactInterpolant
 from rbf.kernels import find_kernel
 from rbf.spacing import WELD_PER_SPACING, check_finite, choose_support, weld
@@ -26,6 +26,7 @@ def fit_values(
     tolerance=TOLERANCE,
     neighbours=NEIGHBOURS,
     ridge=0.0,
+    noise=None,
     weld_distance=None,
 ):
     """Interpolate values at scattered points with a compactly supported kernel.
@@ -39,8 +40,9 @@ def fit_values(
         meant for points of a surface; give the radius for points that fill a volume).
     kernel : str
         One of Wendland's: "wendland_c0" to "wendland_c6".
-    tolerance, neighbours, ridge, weld_distance
-        See `fit_hermite`. The values of welded points are averaged.
+    tolerance, neighbours, ridge, noise, weld_distance
+        See `fit_hermite`; the noise is that of the values. The values of welded points are
+        averaged.
 
     Returns
     -------
@@ -57,7 +59,7 @@ def fit_values(
     """
     kernel = find_kernel(kernel, compact=True)
     points, values = check_values(points, values)
-    check_parameters(tolerance, neighbours, ridge)
+    check_parameters(tolerance, neighbours, ridge, noise)
     support_radius, spacing = choose_support(points, support_radius)
     distance = WELD_PER_SPACING * spacing if weld_distance is None else weld_distance
     welded = len(points)
@@ -65,10 +67,16 @@ def fit_values(
     welded -= len(points)
     origin = points.min(axis=0)
     sites = (points - origin) / support_radius
-    system = PointSystem(sites, sites[:, None], kernel.order, ridge)
-    right = np.ascontiguousarray(values[system.site_order, None])
-    solution, error = solve_system(system, right, tolerance, neighbours)
-    report = make_report(solution, welded, 0, ridge, error[0])
+
+    def make_system(ridge):
+        return PointSystem(sites, sites[:, None], kernel.order, ridge)
+
+    # the order of the sites is the same for every ridge
+    right = np.ascontiguousarray(values[make_system(0.0).site_order, None])
+    system, solution, ridge, errors = fit_system(
+        make_system, right, tolerance, neighbours, ridge, noise
+    )
+    report = make_report(system, solution, ridge, errors, 1.0, welded=welded)
     fit = (system, kernel, support_radius, spacing, origin, 1.0, report)
     return ValueInterpolant(points, values, fit)
 
