@@ -106,8 +106,9 @@ def _area(frame):
 
 def _mesh_at(frame, length, log):
     """Mesh at one edge length of the frame, and tell what came out."""
+    log(f"pytetwild meshes with the edge length {length * frame.scale:.4g} m ...")
     mesh = mesh_frame(frame, length, log)
-    log(f"edge length {length * frame.scale:.4g} m gives {len(mesh.tets):,} tets")
+    log(f"... and gives {len(mesh.tets):,} tets")
     return mesh
 
 

@@ -5,10 +5,10 @@ envelope of a plane is put on it, so that planes, and the volume of a box, are e
 The result differs from run to run; where it fails the checks, it is made again.
 """
 
+import io
 import os
 import subprocess
 import sys
-import tempfile
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -62,27 +62,24 @@ def tetrahedralize(points, faces, **options):
     NotConverged
         If the process fails; says how it ended.
     """
-    with tempfile.TemporaryDirectory(prefix="phasemesh-") as folder:
-        source, target = Path(folder, "surface.npz"), Path(folder, "tets.npz")
-        np.savez(source, vertices=points, faces=faces.astype(np.int32), **options)
-        command = [sys.executable, "-P", str(WORKER), str(source), str(target)]
-        search_path = os.pathsep.join(path for path in sys.path if path)
-        done = subprocess.run(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": search_path},
+    surface = io.BytesIO()
+    np.savez(surface, vertices=points, faces=faces.astype(np.int32), **options)
+    search_path = os.pathsep.join(path for path in sys.path if path)
+    done = subprocess.run(
+        [sys.executable, "-P", str(WORKER)],
+        input=surface.getvalue(),
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": search_path},
+    )
+    if done.returncode or not done.stdout:
+        last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
+        how = f"signal {-done.returncode}" if done.returncode < 0 else f"code {done.returncode}"
+        raise NotConverged(
+            f"pytetwild ended with {how}{' and the words: ' + last[0] if last else ''}; try "
+            f"another edge length, or repair the domain's surface."
         )
-        if done.returncode or not target.exists():
-            last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
-            how = f"signal {-done.returncode}" if done.returncode < 0 else f"code {done.returncode}"
-            raise NotConverged(
-                f"pytetwild ended with {how} {'and the words: ' + last[0] if last else ''}; try "
-                f"another edge length, or repair the domain's surface."
-            )
-        with np.load(target) as archive:
-            return archive["points"], archive["tets"].astype(np.int32)
+    with np.load(io.BytesIO(done.stdout)) as archive:
+        return archive["points"], archive["tets"].astype(np.int32)
 
 
 def mesh_frame(frame, edge_length, log):

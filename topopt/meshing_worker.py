@@ -1,4 +1,4 @@
-"""Run pytetwild in a process of its own: `python -P meshing_worker.py INPUT.npz OUTPUT.npz`.
+"""Run pytetwild in a process of its own: an archive of arrays comes in, one goes out.
 
 pytetwild holds the interpreter while it runs: in a process of its own it can be stopped at any
 moment, the caller's progress display stays alive, its memory is given back, and a crash in it is
@@ -6,6 +6,8 @@ an exit code. The file imports nothing of this project, so that it starts quickl
 """
 
 import ctypes
+import io
+import os
 import signal
 import sys
 
@@ -21,18 +23,29 @@ def die_with_parent():
         ctypes.CDLL(None).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
 
 
-def main(source, target):
-    """Mesh the surface in the archive `source`; write points and tets to `target`."""
-    die_with_parent()
-    import pytetwild
+def private_output():
+    """The standard output as a file; what else is written there, in C++ too, goes nowhere."""
+    output = os.fdopen(os.dup(1), "wb")
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    return output
 
-    with np.load(source) as archive:
-        arrays = dict(archive)
-    vertices, faces = arrays.pop("vertices"), arrays.pop("faces")
-    options = {name: value if value.ndim else value.item() for name, value in arrays.items()}
-    points, tets = pytetwild.tetrahedralize(vertices, faces, quiet=True, **options)
-    np.savez(target, points=points, tets=tets)
+
+def main():
+    """Read vertices, faces and options of pytetwild; write points and tets."""
+    die_with_parent()
+    with private_output() as output:
+        import pytetwild
+
+        with np.load(io.BytesIO(sys.stdin.buffer.read())) as archive:
+            arrays = dict(archive)
+        vertices, faces = arrays.pop("vertices"), arrays.pop("faces")
+        options = {name: value if value.ndim else value.item() for name, value in arrays.items()}
+        points, tets = pytetwild.tetrahedralize(vertices, faces, quiet=True, **options)
+        result = io.BytesIO()
+        np.savez(result, points=points, tets=tets)
+        output.write(result.getbuffer())
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()

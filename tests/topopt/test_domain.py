@@ -192,7 +192,7 @@ def test_meshes_that_do_not_fit_are_made_again_and_given_up(monkeypatch):
     words = []
     with pytest.raises(NotConverged, match=r"no valid mesh in 3 tries .*boundary facets lie on no"):
         mesh_domain(box(), edge_length=COARSE, cache=False, log=words.append)
-    assert len(words) == 3
+    assert sum("is not used" in word for word in words) == 3
 
 
 @pytest.mark.parametrize(
@@ -200,7 +200,7 @@ def test_meshes_that_do_not_fit_are_made_again_and_given_up(monkeypatch):
     [
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "signal 11"),
         ("raise MemoryError('no room for it')", "code 1 and the words: MemoryError: no room"),
-        ("print('silent')", "code 0"),
+        ("pass", "code 0;"),
     ],
 )
 def test_a_crash_of_pytetwild_is_a_sentence(program, how, monkeypatch, tmp_path, capfd):
