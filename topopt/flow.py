@@ -14,7 +14,7 @@ from topopt.kkt import KKT, kkt_conditions
 from topopt.parameters import auto_gamma
 from topopt.pdas import solve_step
 from topopt.projection import project_volume
-from topopt.step_control import StepRule, first_rule, sufficient_decrease
+from topopt.step_control import FixedStep, first_rule, sufficient_decrease
 
 MAX_REJECTIONS = 40
 STAGNATION_STEPS = 5
@@ -33,8 +33,8 @@ class LoopState:
         The state problem's solution for phi.
     gradient : (n,) float array [J]
         Nodal derivatives of J at phi.
-    rule : StepRule
-        Holds tau.
+    rule : FixedStep
+        Or a subclass; holds tau.
     kkt : KKT
     gamma, eps : float
         As used; a run that is continued keeps them.
@@ -44,7 +44,7 @@ class LoopState:
     phi: np.ndarray
     state: State
     gradient: np.ndarray
-    rule: StepRule
+    rule: FixedStep
     kkt: KKT
     gamma: float
     eps: float

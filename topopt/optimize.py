@@ -19,7 +19,7 @@ from topopt.flow import Flow, LoopState
 from topopt.history import HistoryRow
 from topopt.kkt import KKT
 from topopt.parameters import auto_eps, warn_if_coarse
-from topopt.step_control import STEPS
+from topopt.step_control import RULES
 from topopt.unloaded import Unloaded
 
 
@@ -31,7 +31,7 @@ class OptimizationSettings:
     ----------
     steps : int
         Accepted steps at most.
-    step : {"controlled", "variable_metric", "fixed"}
+    step : {"variable_metric", "controlled", "fixed"}
         See `topopt.step_control`.
     tau : float or None [1/Pa]
         (First) step size; None takes one from the start's energy density.
@@ -48,7 +48,7 @@ class OptimizationSettings:
     """
 
     steps: int = 60
-    step: str = "controlled"
+    step: str = "variable_metric"
     tau: float | None = None
     tolerance: float = 1e-3
     stagnation: float = 1e-4
@@ -180,7 +180,7 @@ def check_settings(settings):
     """Raise InvalidCase if a setting is out of range."""
     rules = {
         "steps": settings.steps >= 1,
-        "step": settings.step in STEPS,
+        "step": settings.step in RULES,
         "tau": settings.tau is None or settings.tau > 0.0,
         "tolerance": settings.tolerance >= 0.0,
         "stagnation": settings.stagnation >= 0.0,
@@ -188,7 +188,7 @@ def check_settings(settings):
     }
     for name, holds in rules.items():
         if not holds:
-            wanted = {"steps": "at least 1", "step": "one of " + ", ".join(STEPS)}
+            wanted = {"steps": "at least 1", "step": "one of " + ", ".join(RULES)}
             wanted |= {"tau": "positive", "state_tolerance": "in (0, 0.01]"}
             raise InvalidCase(
                 f"{name}: must be {wanted.get(name, 'at least 0')}, "

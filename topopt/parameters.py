@@ -10,7 +10,7 @@ from topopt.ginzburg_landau import interface_width
 LOG = logging.getLogger("phasemesh")
 LEAST_ELEMENTS = 4.0  # across the interface, or the run warns
 AUTO_ELEMENTS = 6.0  # across the interface, where eps is chosen
-AUTO_PRESSURE = 0.25  # gamma / eps over the elastic energy density expected at the end
+AUTO_PRESSURE = 0.4  # gamma / eps over the elastic energy density expected at the end
 LOCAL_EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 

@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 SUFFICIENT = 1e-4  # share of the predicted decrease that a step must deliver (Armijo)
+LONGEST = 1e4  # tau gamma / eps beyond which M / tau no longer counts
 
 
 @dataclass(frozen=True)
@@ -64,15 +65,19 @@ class ControlledStep(FixedStep):
 
 
 @dataclass(frozen=True)
-class VariableMetricStep:
-    """D = M / tau_max + (c / 6) S, S the concavity: about M (1 / tau_max + c phi w).
+class VariableMetricStep(ControlledStep):
+    """D = M / tau + (c / 6) S, S the concavity: about M (1 / tau + c phi w); tau as controlled.
+
+    Where the part is loaded the second term holds the step back, so that tau can grow without
+    rejections; where it is not, the interface is free to move. The compliance's own curvature is
+    at most that of c = 6.
 
     Parameters
     ----------
-    scale : float
-        c; 6 bounds the compliance's second derivative and is always accepted.
-    floor : float
-        1 / tau_max, keeps D positive in the void.
+    scale, longest : float
+        As in `ControlledStep`.
+    share : float
+        c; grows with a rejection, falls back to 1 with acceptances.
 
     Notes
     -----
@@ -81,28 +86,21 @@ class VariableMetricStep:
     optimization, SIAM J. Control Optim. 55 (2017).
     """
 
-    scale: float
-    floor: float
-    monotone: ClassVar[bool] = True
-    shrink: ClassVar[float] = 0.8
-    grow: ClassVar[float] = 3.0
-    least: ClassVar[float] = 0.05
+    share: float = 1.0
+    most: ClassVar[float] = 6.0
 
     def metric(self, mass, concavity):
-        """D (n,) for the lumped mass (n,) and the concavity (n,) of the compliance."""
-        return mass * self.floor + self.scale / 6.0 * concavity
+        return super().metric(mass, concavity) + self.share / self.most * concavity
 
     def rejected(self):
-        """The rule after a step that did not decrease J enough."""
-        return replace(self, scale=self.grow * self.scale)
+        return replace(super().rejected(), share=min(3.0 * self.share, self.most))
 
     def accepted(self, first_try):
-        """The rule after a step that was taken."""
-        return replace(self, scale=max(self.shrink * self.scale, self.least))
+        share = max(0.8 * self.share, 1.0) if first_try else self.share
+        return replace(super().accepted(first_try), share=share)
 
 
-STEPS = ("controlled", "variable_metric", "fixed")
-StepRule = FixedStep | VariableMetricStep
+RULES = {"controlled": ControlledStep, "variable_metric": VariableMetricStep, "fixed": FixedStep}
 
 
 def first_rule(settings, pressure, concavity):
@@ -118,10 +116,9 @@ def first_rule(settings, pressure, concavity):
         The mean over the domain of 6 phi w at the start. tau = 1 / concavity is safe where the
         part is loaded evenly; half of that is the first tau if the settings name none.
     """
-    if settings.step == "variable_metric":
-        return VariableMetricStep(6.0, 0.01 * pressure)
     tau = 0.5 / max(concavity, pressure) if settings.tau is None else settings.tau
-    return FixedStep(tau) if settings.step == "fixed" else ControlledStep(tau, 1e4 / pressure)
+    rule = RULES[settings.step]
+    return rule(tau) if rule is FixedStep else rule(tau, LONGEST / pressure)
 
 
 def sufficient_decrease(before, after, slope):
