@@ -1,5 +1,8 @@
 """Radial basis functions: implicit surfaces through points, and scattered values."""
 
+from rbf.curvature import principal_curvatures
+from rbf.dense import GlobalInterpolant, fit_global
+from rbf.greedy import GreedyFit, fit_greedy
 from rbf.hermite import HermiteInterpolant, fit_hermite
 from rbf.interpolant import CompactInterpolant, FitReport
 from rbf.kernels import KERNELS, Kernel
@@ -12,15 +15,20 @@ __all__ = [
     "KERNELS",
     "CompactInterpolant",
     "FitReport",
+    "GlobalInterpolant",
+    "GreedyFit",
     "HermiteInterpolant",
     "Kernel",
     "OffsetInterpolant",
     "ValueInterpolant",
+    "fit_global",
+    "fit_greedy",
     "fit_hermite",
     "fit_offsets",
     "fit_surface",
     "fit_surfaces",
     "fit_values",
     "pca_normals",
+    "principal_curvatures",
     "vertex_normals",
 ]

@@ -1,5 +1,7 @@
 """What all fits with compact support share: checks, solve, choice of a ridge, report."""
 
+from numbers import Real
+
 import numpy as np
 
 from meshes import InvalidCase, InvalidMesh
@@ -18,7 +20,7 @@ def check_parameters(tolerance, neighbours, ridge, noise):
         raise InvalidCase(f"tolerance must lie in (0, 1), got {tolerance}")
     if neighbours < 1:
         raise InvalidCase(f"neighbours must be at least 1, got {neighbours}")
-    if ridge != "gcv" and not (np.isreal(ridge) and np.isfinite(ridge) and ridge >= 0.0):
+    if ridge != "gcv" and not (isinstance(ridge, Real) and 0.0 <= ridge < np.inf):
         raise InvalidCase(f'ridge must be at least 0 and finite, or "gcv", got {ridge}')
     if noise is not None and not (np.isfinite(noise) and noise > 0.0):
         raise InvalidCase(f"noise must be positive and finite, got {noise}")

@@ -6,7 +6,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from meshes import InvalidCase
-from rbf import evaluate_kernels, project_kernels
+from rbf import evaluate_kernels, hessian_kernels, project_kernels
+from rbf.condition import extreme_eigenvalues
+from rbf.curvature import principal_curvatures
+from rbf.threads import threads_for
 
 TOLERANCE = 1e-6  # of the projection, |S| in support radii
 LONGEST_STEP = 1.0 / 12.0  # of the projection, in support radii: half a spacing
@@ -98,21 +101,74 @@ class CompactInterpolant:
         scaled = self._scaled(points)
         values, gradients = np.empty(len(scaled)), np.empty((len(scaled), 3))
         order, keys, starts = self._grid.bin_queries(scaled)
-        evaluate_kernels.evaluate(
-            scaled,
-            order,
-            keys,
-            starts,
-            self._centres,
-            self._grid.arrays,
-            self.kernel.order,
-            self._hermite,
-            values,
-            gradients,
-        )
+        with threads_for(len(scaled)):
+            evaluate_kernels.evaluate(
+                scaled,
+                order,
+                keys,
+                starts,
+                self._centres,
+                self._grid.arrays,
+                self.kernel.order,
+                self._hermite,
+                values,
+                gradients,
+            )
         values *= self._unit
         gradients *= self._unit / self.support_radius
         return values, gradients
+
+    def hessian(self, points):
+        """Second derivatives of S at points (n, 3): (n, 3, 3), NaN outside the support.
+
+        Raises
+        ------
+        InvalidCase
+            If the interpolant is not twice differentiable: the Hermite form needs a kernel from
+            C4 on, values alone one from C2 on.
+        """
+        needed = 4 if self._hermite else 2
+        if self.kernel.smoothness < needed:
+            raise InvalidCase(
+                f"second derivatives do not exist with kernel {self.kernel.name!r}: fit with "
+                f'"wendland_c{needed}" or smoother'
+            )
+        scaled = self._scaled(points)
+        results = np.empty((len(scaled), 3, 3))
+        order, keys, starts = self._grid.bin_queries(scaled)
+        with threads_for(len(scaled)):
+            hessian_kernels.hessians(
+                scaled,
+                order,
+                keys,
+                starts,
+                self._centres,
+                self._grid.arrays,
+                self.kernel.order,
+                results,
+            )
+        results *= self._unit / self.support_radius**2
+        return results
+
+    def curvatures(self, points):
+        """Principal curvatures (n, 2) of the level sets at points (n, 3), the larger first.
+
+        Positive where the surface is convex; errors as `hessian`.
+        """
+        return principal_curvatures(self.gradient(points), self.hessian(points))
+
+    def condition_number(self, neighbours=24):
+        """Condition number of the interpolation matrix, estimated by Lanczos iterations.
+
+        Costs some twenty solves. Not to be confused with `condition`, that of the preconditioned
+        system, on which the number of iterations depends.
+        """
+        coefficients = self._centres[:, 3:].copy()
+        try:
+            smallest, largest = extreme_eigenvalues(self._system, neighbours)
+        finally:
+            self._centres[:, 3:] = coefficients
+        return largest / smallest
 
     def distance_to_data(self, points):
         """Distance (n,) from points (n, 3) to the nearest data site.
@@ -208,20 +264,21 @@ class CompactInterpolant:
 
     def _walk(self, scaled, taken, states, status, settings):
         order, keys, starts = self._grid.bin_queries(scaled)
-        project_kernels.project(
-            scaled,
-            order,
-            keys,
-            starts,
-            self._centres,
-            self._grid.arrays,
-            self.kernel.order,
-            self._hermite,
-            settings,
-            taken,
-            states,
-            status,
-        )
+        with threads_for(len(scaled)):
+            project_kernels.project(
+                scaled,
+                order,
+                keys,
+                starts,
+                self._centres,
+                self._grid.arrays,
+                self.kernel.order,
+                self._hermite,
+                settings,
+                taken,
+                states,
+                status,
+            )
 
     def _scaled(self, points):
         points = np.asarray(points, dtype=float)

@@ -13,6 +13,7 @@ from scipy.linalg import eigvalsh_tridiagonal
 from meshes import NotConverged
 from rbf import fsai_kernels as kernels
 from rbf.system import DERIVATIVE_SCALE
+from rbf.threads import threads_for
 
 ADVICE = (
     "weld or repair points that almost coincide, reduce support_radius, give more neighbours "
@@ -48,16 +49,17 @@ class Preconditioner:
         largest = int(np.diff(self.group_start).max())
         self._columns = np.empty((len(cells), min(neighbours, n) + largest), np.int32)
         self._counts = np.empty(len(cells), np.int32)
-        kernels.choose_columns(
-            grid.keys,
-            cells,
-            grid.arrays,
-            system.sites,
-            self.group_start,
-            self._columns,
-            self._counts,
-        )
-        self._factor(system)
+        with threads_for(n):
+            kernels.choose_columns(
+                grid.keys,
+                cells,
+                grid.arrays,
+                system.sites,
+                self.group_start,
+                self._columns,
+                self._counts,
+            )
+            self._factor(system)
         self._prepare_transpose(n)
 
     def _factor(self, system):
@@ -152,6 +154,11 @@ def solve(system, right, tolerance=1e-8, neighbours=20, iterations=300, start=No
 
 def solve_with(system, preconditioner, right, tolerance=1e-8, iterations=300, start=None):
     """`solve` with a preconditioner at hand."""
+    with threads_for(len(right)):
+        return _solve(system, preconditioner, right, tolerance, iterations, start)
+
+
+def _solve(system, preconditioner, right, tolerance, iterations, start):
     norm = np.sqrt(_dot(right, right))
     x = np.zeros_like(right) if start is None else start.copy()
     if norm == 0.0:
