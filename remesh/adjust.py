@@ -25,6 +25,7 @@ from remesh.connectivity import (
     ROWS,
     ring,
 )
+from remesh.embedding import as_tangents
 from remesh.guard import fan_quality, no_worse
 from remesh.nearest import closest, point_and_normal
 
@@ -110,7 +111,7 @@ def take_steps(work, free, step, sigma, limits):
     """Move the free rows by `step` (n, 3) as far as `limits` allow; return how many were cut."""
     used = len(free)
     cut = apply_steps(
-        work.halves, work.links, work.rows, used, free, step, sigma**2, np.asarray(limits, float)
+        work.halves, work.links, work.rows, used, free, step, sigma**2, as_tangents(limits)
     )
     refresh_feet(work.links, work.rows, used, free, work.carrier.reference)
     return cut

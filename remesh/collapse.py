@@ -19,7 +19,7 @@ from remesh.connectivity import (
     preceding,
     ring,
 )
-from remesh.embedding import agreement, squared_length, triangle_angle
+from remesh.embedding import agreement, as_tangents, squared_length, triangle_tangent
 from remesh.guard import squared_edge
 
 MOST_NEIGHBOURS = 60
@@ -45,7 +45,7 @@ def collapse_short_edges(work, shortest, longest, sigma, limits, at_most=None):
     mark = np.zeros(len(work.links), np.int64)
     return sweep_collapses(
         work.halves, work.links, work.rows, work.counts, sigma**2, shortest**2, longest**2,
-        np.asarray(limits, float), at_most, mark,
+        as_tangents(limits), at_most, mark,
     )  # fmt: skip
 
 
@@ -73,11 +73,11 @@ def common_neighbours(halves, links, fan, count, closed, other, other_count, oth
 
 @kernel
 def outcome(rows, halves, fan, count, gone, left, right, kept, links, sigma2, longest2, limits):
-    """Least 6D angle of a fan whose centre moved to another vertex; -1 if not allowed.
+    """Tangent of the least 6D angle of a fan whose centre moved to a vertex; -1 if not allowed.
 
     gone, left, right : the centre's row, and the rows that replace it and its other row.
     """
-    least = 180.0
+    least = 1e300
     for i in range(count):
         h = fan[i]
         r = left if halves[h, ORIGIN] == gone else right
@@ -91,9 +91,9 @@ def outcome(rows, halves, fan, count, gone, left, right, kept, links, sigma2, lo
             continue
         if agreement(rows, r, p, q) < limits[2]:
             return -1.0
-        if limits[1] > 0.0 and triangle_angle(rows, r, p, q, 0.0) < limits[1]:
+        if limits[1] > 0.0 and triangle_tangent(rows, r, p, q, 0.0) < limits[1]:
             return -1.0
-        least = min(least, triangle_angle(rows, r, p, q, sigma2))
+        least = min(least, triangle_tangent(rows, r, p, q, sigma2))
     return least
 
 

@@ -17,8 +17,8 @@ DEGREES = 180.0 / math.pi
 
 
 @kernel
-def squared_length(rows, a, b, sigma2):
-    """|Psi(a) - Psi(b)|^2 of two rows."""
+def squared_parts(rows, a, b):
+    """|x_a - x_b|^2 and |n_a - n_b|^2 of two rows."""
     position = 0.0
     normal = 0.0
     for k in range(3):
@@ -26,12 +26,19 @@ def squared_length(rows, a, b, sigma2):
         position += d * d
         d = rows[a, k + 3] - rows[b, k + 3]
         normal += d * d
+    return position, normal
+
+
+@kernel
+def squared_length(rows, a, b, sigma2):
+    """|Psi(a) - Psi(b)|^2 of two rows."""
+    position, normal = squared_parts(rows, a, b)
     return position + sigma2 * normal
 
 
 @kernel
-def least_angle(first, second, third):
-    """Smallest angle [degrees] of the triangle with these squared edge lengths."""
+def least_tangent(first, second, third):
+    """Tangent of the smallest angle of the triangle with these squared edge lengths."""
     short, p, q = first, second, third
     if p < short:
         short, p = p, short
@@ -39,13 +46,13 @@ def least_angle(first, second, third):
         short, q = q, short
     cosine = p + q - short  # 2 |p| |q| cos of the angle opposite the shortest edge
     area = 4.0 * p * q - cosine * cosine  # 16 area^2
-    return math.atan2(math.sqrt(max(area, 0.0)), cosine) * DEGREES
+    return math.sqrt(max(area, 0.0)) / cosine if cosine > 0.0 else 0.0
 
 
 @kernel
-def triangle_angle(rows, a, b, c, sigma2):
-    """Smallest 6D angle [degrees] of the triangle of three rows."""
-    return least_angle(
+def triangle_tangent(rows, a, b, c, sigma2):
+    """Tangent of the smallest 6D angle of the triangle of three rows."""
+    return least_tangent(
         squared_length(rows, a, b, sigma2),
         squared_length(rows, b, c, sigma2),
         squared_length(rows, c, a, sigma2),
@@ -79,6 +86,12 @@ def agreement(rows, a, b, c):
     at_b = x * rows[b, 3] + y * rows[b, 4] + z * rows[b, 5]
     at_c = x * rows[c, 3] + y * rows[c, 4] + z * rows[c, 5]
     return min(at_a, min(at_b, at_c)) / length
+
+
+def as_tangents(limits):
+    """Limits (angle6, angle3 [degrees], agreement) with the angles' tangents, for the kernels."""
+    angle6, angle3, agree = limits
+    return np.array([math.tan(angle6 / DEGREES), math.tan(angle3 / DEGREES), agree])
 
 
 def embed(points, normals, sigma):

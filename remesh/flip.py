@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from remesh.compiled import kernel
 from remesh.connectivity import (
     BASE,
@@ -21,9 +19,16 @@ from remesh.connectivity import (
     following,
     preceding,
 )
-from remesh.embedding import agreement, squared_length, triangle_angle, triangle_normal
+from remesh.embedding import (
+    agreement,
+    as_tangents,
+    least_tangent,
+    squared_length,
+    triangle_normal,
+)
 
 VALENCE, DELAUNAY, THESIS = 0, 1, 2
+LEAST_GAIN = 1e-8  # of the tangent of the least angle, for a flip
 
 
 def flip_edges(work, sigma, limits, rule=DELAUNAY, passes=5, ridge_angle=60.0):
@@ -42,7 +47,7 @@ def flip_edges(work, sigma, limits, rule=DELAUNAY, passes=5, ridge_angle=60.0):
     passes : int
     ridge_angle : float [degrees]
     """
-    limits = np.asarray(limits, dtype=float)
+    limits = as_tangents(limits)
     work.links[:, DIRTY] = 1
     total = 0
     for _ in range(passes):
@@ -88,21 +93,27 @@ def thesis_wants(rows, a, b, c, d, sigma2, ridge_cosine):
 
 
 @kernel
-def flip_allowed(rows, a, b, c, d, sigma2, limits, smooth_limit):
+def tangents_of_flip(rows, a, b, c, d, sigma2):
+    """Tangents of the least 6D angle of the two triangles at edge a-b, and at edge c-d."""
+    ab, cd = squared_length(rows, a, b, sigma2), squared_length(rows, c, d, sigma2)
+    bc, ca = squared_length(rows, b, c, sigma2), squared_length(rows, c, a, sigma2)
+    ad, db = squared_length(rows, a, d, sigma2), squared_length(rows, d, b, sigma2)
+    before = min(least_tangent(ab, bc, ca), least_tangent(ab, ad, db))
+    return before, min(least_tangent(cd, ca, ad), least_tangent(cd, db, bc))
+
+
+@kernel
+def flip_allowed(rows, a, b, c, d, limits):
     """Whether the triangles (c, a, d) and (d, b, c) may replace (a, b, c) and (b, a, d)."""
     after = min(agreement(rows, c, a, d), agreement(rows, d, b, c))
-    before = min(agreement(rows, a, b, c), agreement(rows, b, a, d))
-    if after < limits[2] and (after < before or after <= 0.0):
-        return False
-    after = min(triangle_angle(rows, c, a, d, 0.0), triangle_angle(rows, d, b, c, 0.0))
-    if after < limits[1]:
-        before = min(triangle_angle(rows, a, b, c, 0.0), triangle_angle(rows, b, a, d, 0.0))
-        if after < before:
+    if after < limits[2]:
+        before = min(agreement(rows, a, b, c), agreement(rows, b, a, d))
+        if after < before or after <= 0.0:
             return False
-    if smooth_limit <= 0.0:
+    if limits[1] <= 0.0:
         return True
-    after = min(triangle_angle(rows, c, a, d, sigma2), triangle_angle(rows, d, b, c, sigma2))
-    return after >= smooth_limit
+    before, after = tangents_of_flip(rows, a, b, c, d, 0.0)
+    return after >= limits[1] or after >= before
 
 
 @kernel
@@ -128,18 +139,19 @@ def sweep_flips(halves, links, rows, counts, sigma2, limits, rule, ridge_cosine)
         least_b = 5 if links[vb, KIND] == INTERIOR else 4
         if links[va, EDGES] < least_a or links[vb, EDGES] < least_b:
             continue
-        angle_limit = 0.0
         if rule == VALENCE:
             if not evens_valences(links, va, vb, vc, vd):
                 continue
-            angle_limit = limits[0]
+            _, after = tangents_of_flip(rows, a, b, c, d, sigma2)
+            if after < limits[0]:
+                continue
         elif rule == DELAUNAY:
-            angle_limit = 1e-6 + min(
-                triangle_angle(rows, a, b, c, sigma2), triangle_angle(rows, b, a, d, sigma2)
-            )
+            before, after = tangents_of_flip(rows, a, b, c, d, sigma2)
+            if after <= before + LEAST_GAIN:
+                continue
         elif not thesis_wants(rows, a, b, c, d, sigma2, ridge_cosine):
             continue
-        if not flip_allowed(rows, a, b, c, d, sigma2, limits, angle_limit):
+        if not flip_allowed(rows, a, b, c, d, limits):
             continue
         if adjacent(halves, links, vc, vd):
             continue

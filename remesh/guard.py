@@ -1,8 +1,10 @@
 """What every operation is checked against: normals at the corners, angles, edge lengths."""
 
+import math
+
 from remesh.compiled import kernel
 from remesh.connectivity import CREASE, ORIGIN, TWIN, following, preceding
-from remesh.embedding import agreement, squared_length, triangle_angle
+from remesh.embedding import agreement, least_tangent, squared_length, squared_parts
 
 
 @kernel
@@ -18,25 +20,38 @@ def squared_edge(rows, halves, h, sigma2):
 
 @kernel
 def fan_quality(rows, halves, fan, count, sigma2):
-    """Least 6D angle, least 3D angle [degrees] and least agreement with the normals in a fan."""
-    angle6, angle3, normal = 180.0, 180.0, 1.0
+    """Tangents of the least 6D and 3D angle, and least agreement with the normals, in a fan."""
+    tangent6, tangent3, normal = math.inf, math.inf, 1.0
+    last_centre, last_rim = -1, -1
+    position, turn = 0.0, 0.0
     for i in range(count):
         h = fan[i]
         a, b, c = halves[h, ORIGIN], halves[following(h), ORIGIN], halves[preceding(h), ORIGIN]
-        angle3 = min(angle3, triangle_angle(rows, a, b, c, 0.0))
+        if a != last_centre or b != last_rim:
+            position, turn = squared_parts(rows, a, b)
+        rim_position, rim_turn = squared_parts(rows, b, c)
+        next_position, next_turn = squared_parts(rows, c, a)
+        tangent3 = min(tangent3, least_tangent(position, rim_position, next_position))
         if sigma2 > 0.0:
-            angle6 = min(angle6, triangle_angle(rows, a, b, c, sigma2))
+            tangent = least_tangent(
+                position + sigma2 * turn,
+                rim_position + sigma2 * rim_turn,
+                next_position + sigma2 * next_turn,
+            )
+            tangent6 = min(tangent6, tangent)
         normal = min(normal, agreement(rows, a, b, c))
+        last_centre, last_rim = a, c
+        position, turn = next_position, next_turn
     if sigma2 <= 0.0:
-        angle6 = angle3
-    return angle6, angle3, normal
+        tangent6 = tangent3
+    return tangent6, tangent3, normal
 
 
 @kernel
 def no_worse(after, before, limits):
     """Whether angles and agreement after a move reach their limits, or have not fallen.
 
-    `after` and `before` are what `fan_quality` returns; `limits` in the same order.
+    `after` and `before` are what `fan_quality` returns; `limits` are `as_tangents`.
     """
     worse = False
     for k in range(3):

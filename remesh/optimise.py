@@ -18,7 +18,7 @@ from remesh.connectivity import (
     preceding,
     ring,
 )
-from remesh.embedding import agreement, squared_length, triangle_angle
+from remesh.embedding import DEGREES, agreement, least_tangent, squared_length, squared_parts
 from remesh.guard import fan_quality
 from remesh.moves import curve_neighbours, move_inside, restore_vertex, save_vertex, slide
 
@@ -62,14 +62,25 @@ def optimise_vertices(
 
 
 @kernel
-def fan_cost(rows, halves, fan, count, settings):
-    """Cost of the triangles around a vertex (see `optimise_vertices`)."""
+def fan_cost(rows, halves, fan, count, settings, bound):
+    """Cost of the triangles around a vertex (see `optimise_vertices`); stops above `bound`."""
     sigma2, power, least3, weight3, least_agreement = settings
     cost = 0.0
+    last_centre, last_rim = -1, -1
+    position, turn = 0.0, 0.0
     for i in range(count):
         h = fan[i]
         a, b, c = halves[h, ORIGIN], halves[following(h), ORIGIN], halves[preceding(h), ORIGIN]
-        x = (60.0 - triangle_angle(rows, a, b, c, sigma2)) / 30.0
+        if a != last_centre or b != last_rim:
+            position, turn = squared_parts(rows, a, b)
+        rim_position, rim_turn = squared_parts(rows, b, c)
+        next_position, next_turn = squared_parts(rows, c, a)
+        tangent = least_tangent(
+            position + sigma2 * turn,
+            rim_position + sigma2 * rim_turn,
+            next_position + sigma2 * next_turn,
+        )
+        x = 2.0 - DEGREES / 30.0 * math.atan(tangent)
         x *= x
         if power > 2.0:
             x *= x
@@ -77,12 +88,17 @@ def fan_cost(rows, halves, fan, count, settings):
             x *= x
         cost += x
         if weight3 > 0.0:
-            y = least3 - triangle_angle(rows, a, b, c, 0.0)
+            tangent = least_tangent(position, rim_position, next_position)
+            y = least3 - DEGREES * math.atan(tangent)
             if y > 0.0:
                 cost += weight3 * y * y
         z = least_agreement - agreement(rows, a, b, c)
         if z > 0.0:
             cost += BARRIER * z
+        if cost >= bound:
+            return cost
+        last_centre, last_rim = a, c
+        position, turn = next_position, next_turn
     return cost
 
 
@@ -91,9 +107,9 @@ def wants_search(rows, halves, fan, count, settings, only_below):
     """Whether a fan has a triangle below the bounds of the search."""
     if only_below >= 60.0:
         return True
-    angle6, angle3, normal = fan_quality(rows, halves, fan, count, settings[0])
-    bad3 = settings[3] > 0.0 and angle3 < settings[2]
-    return angle6 < only_below or bad3 or normal < settings[4]
+    tangent6, tangent3, normal = fan_quality(rows, halves, fan, count, settings[0])
+    bad3 = settings[3] > 0.0 and DEGREES * math.atan(tangent3) < settings[2]
+    return DEGREES * math.atan(tangent6) < only_below or bad3 or normal < settings[4]
 
 
 @kernel
@@ -114,8 +130,8 @@ def tangent_frame(rows, v, frame):
 
 @kernel
 def try_move(
-    halves, links, rows, v, fan, count, on_curve, saved, shift, scale, settings, reference,
-    curves, point,
+    halves, links, rows, v, fan, count, on_curve, saved, shift, scale, settings, bound,
+    reference, curves, point,
 ):  # fmt: skip
     """Move a vertex by scale * shift (on a curve: shift[0] in the parameter); return the cost."""
     if on_curve:
@@ -123,7 +139,7 @@ def try_move(
         slide(halves, links, rows, v, fan, count, parameter, curves, point)
     else:
         move_inside(rows, links, v, saved[0], shift, scale, reference, point)
-    return fan_cost(rows, halves, fan, count, settings)
+    return fan_cost(rows, halves, fan, count, settings, bound)
 
 
 @kernel
@@ -149,7 +165,7 @@ def sweep_search(
             halves, links, rows, v, fan, count, closed, 0.0, curves, four
         ):
             continue
-        start = fan_cost(rows, halves, fan, count, settings)
+        start = fan_cost(rows, halves, fan, count, settings, math.inf)
         save_vertex(rows, links, v, saved, saved_hints)
         save_vertex(rows, links, v, best_rows, best_hints)
         best = start
@@ -169,7 +185,7 @@ def sweep_search(
                 shift[0] = size if i == 0 else -size
             cost = try_move(
                 halves, links, rows, v, fan, count, on_curve, saved, shift, 1.0, settings,
-                reference, curves, point,
+                best, reference, curves, point,
             )  # fmt: skip
             if cost < best:
                 best = cost
@@ -179,7 +195,7 @@ def sweep_search(
         for _ in range(DOUBLINGS if best < start else 0):
             cost = try_move(
                 halves, links, rows, v, fan, count, on_curve, saved, chosen, scale, settings,
-                reference, curves, point,
+                best, reference, curves, point,
             )  # fmt: skip
             if cost >= best:
                 break

@@ -18,7 +18,7 @@ from remesh.connectivity import (
     preceding,
     ring,
 )
-from remesh.embedding import fourfold_area, squared_length, triangle_normal
+from remesh.embedding import as_tangents, fourfold_area, squared_length, triangle_normal
 from remesh.guard import fan_quality, no_worse
 from remesh.moves import (
     curve_neighbours,
@@ -59,7 +59,7 @@ def smooth_vertices(
     if chosen is None:
         chosen = np.ones(len(work.links), bool)
     return sweep_smoothing(
-        work.halves, work.links, work.rows, work.counts, sigma**2, np.asarray(limits, float),
+        work.halves, work.links, work.rows, work.counts, sigma**2, as_tangents(limits),
         weights, factor, target, clip, chosen, work.carrier.reference,
         work.carrier.curves.arrays,
     )  # fmt: skip

@@ -1,5 +1,7 @@
 """Slow, obvious twins of the kernels in remesh/, and checks of a work mesh's bookkeeping."""
 
+import itertools
+
 import numpy as np
 
 from meshes.topology import topology
@@ -50,7 +52,7 @@ def closest_distance(point, mesh, label=None):
 
 def point_on_polyline(points, parameter):
     """The point of a polyline at an arc length."""
-    for p, q in zip(points, points[1:], strict=False):
+    for p, q in itertools.pairwise(points):
         step = np.linalg.norm(q - p)
         if parameter <= step:
             return p + parameter / step * (q - p)
