@@ -124,29 +124,32 @@ def smooth_prolongator(
 ):  # fmt: skip
     """P = (I - omega D^-1 A) T."""
     for t in prange(chunks.shape[0] - 1):
-        product = np.zeros((1, p_blocks.shape[1], 6), p_blocks.dtype)
+        width = p_blocks.shape[1]
+        product = np.empty((width, 6), p_blocks.dtype)
         for row in range(chunks[t], chunks[t + 1]):
             first, last = p_indptr[row], p_indptr[row + 1]
             _clear(p_blocks, first, last)
             for k in range(indptr[row], indptr[row + 1]):
-                column = indices[k]
+                column = np.uint64(indices[k])
                 g = aggregates[column]
                 if g >= 0:
-                    place = first
-                    for s in range(first, last):
-                        if p_indices[s] == g:
-                            place = s
+                    place = np.uint64(first)
+                    while p_indices[place] != g:
+                        place += np.uint64(1)
                     _add_product(blocks, k, tentative, column, p_blocks, place)
             for s in range(first, last):
-                _clear(product, 0, 1)
-                _add_product(inverse, row, p_blocks, s, product, 0)
                 own = p_indices[s] == aggregates[row]
-                for i in range(product.shape[1]):
+                for i in range(width):
                     for c in range(6):
-                        value = -omega * product[0, i, c]
+                        value = inverse[row, i, 0] * p_blocks[s, 0, c]
+                        for m in range(1, width):
+                            value += inverse[row, i, m] * p_blocks[s, m, c]
+                        product[i, c] = -omega * value
                         if own:
-                            value += tentative[row, i, c]
-                        p_blocks[s, i, c] = value
+                            product[i, c] += tentative[row, i, c]
+                for i in range(width):
+                    for c in range(6):
+                        p_blocks[s, i, c] = product[i, c]
 
 
 @njit(parallel=True, **OPTIONS)
@@ -165,7 +168,8 @@ def multiply(
             for k in range(indptr[row], indptr[row + 1]):
                 column = indices[k]
                 for q in range(p_indptr[column], p_indptr[column + ONE]):
-                    _add_product(blocks, k, p_blocks, q, ap_blocks, place[p_indices[q]])
+                    s = np.uint64(place[p_indices[q]])
+                    _add_product(blocks, k, p_blocks, q, ap_blocks, s)
 
 
 @njit(parallel=True, **OPTIONS)
