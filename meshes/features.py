@@ -178,10 +178,6 @@ def _plane(mesh, chosen):
     faces = mesh.faces[chosen]
     points = mesh.points[np.unique(faces)]
     normal = normalised(area_vectors(mesh.points, faces).sum(axis=0))
-    flat = np.flatnonzero(np.ptp(points, axis=0) == 0)
-    if len(flat) == 1:
-        axis = flat[0]
-        normal = np.where(np.arange(3) == axis, np.sign(normal), 0.0)
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     extent = np.linalg.norm(np.ptp(points, axis=0))
     distance = (points - middle) @ normal

@@ -43,17 +43,17 @@ def self_intersecting_faces(points, faces):
         raise InvalidMesh("the surface has points with NaN or infinite coordinates")
     points = normalised_coordinates(np.where(np.isfinite(points), points, 0.0))
     tree = build_tree(points, faces)
-    ordered = np.ascontiguousarray(faces[tree.order], dtype=np.int32)
+    ordered = np.ascontiguousarray(faces[tree.order], dtype=np.int64)
     corners = points[ordered]
     boxes = np.concatenate([corners.min(axis=1), corners.max(axis=1)], axis=1)
-    axes = np.empty(len(faces), dtype=np.int8)
+    axes = np.empty(len(faces), dtype=np.int64)
     find_axes(points, ordered, axes)
     layout = (tree.boxes, tree.begin, tree.end, tree.leaves)
 
     def work(first, last):
         marked = np.zeros(len(faces), dtype=bool)
-        nodes = np.empty(STACK, dtype=np.int32)
-        mark_meeting(points, ordered, axes, boxes, layout, first, last, nodes, marked)
+        nodes, room = np.empty(STACK, dtype=np.int32), np.empty((2, 3), dtype=np.int64)
+        mark_meeting(points, ordered, axes, boxes, layout, first, last, nodes, room, marked)
         return marked
 
     result = np.empty(len(faces), dtype=bool)

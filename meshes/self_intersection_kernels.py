@@ -1,7 +1,8 @@
 """Kernels that decide exactly whether two triangles meet. Slow twin: tests.meshes.reference.
 
 Triangles are closed sets: touching is meeting. `faces` (m, 3) name the corners, `axes` (m,) an axis
-along which the triangle's projection keeps an area, -1 for triangles without area.
+along which the triangle's projection keeps an area, -1 for triangles without area. All integers
+are int64, so that every kernel is compiled once.
 """
 
 from numba import njit
@@ -56,17 +57,18 @@ def segments_meet(points, p, q, a, b, axis):
 
 
 @kernel
-def flat_segment_meets(points, p, q, a, b, c, axis):
-    """Whether segment pq meets triangle abc, all in one plane."""
-    ab, bc = line_side(points, a, b, p, axis), line_side(points, b, c, p, axis)
-    ca = line_side(points, c, a, p, axis)
-    if not (min(ab, bc, ca) < 0 and max(ab, bc, ca) > 0):
+def flat_segment_meets(points, p, q, face, axis):
+    """Whether segment pq meets the face, all in one plane."""
+    low, high = 0, 0
+    for k in range(3):
+        side = line_side(points, face[k], face[(k + 1) % 3], p, axis)
+        low, high = min(low, side), max(high, side)
+    if low == 0 or high == 0:  # p lies in the face
         return True
-    return (
-        segments_meet(points, p, q, a, b, axis)
-        or segments_meet(points, p, q, b, c, axis)
-        or segments_meet(points, p, q, c, a, axis)
-    )
+    found = False
+    for k in range(3):
+        found = found or segments_meet(points, p, q, face[k], face[(k + 1) % 3], axis)
+    return found
 
 
 @kernel
@@ -74,38 +76,42 @@ def segment_meets(points, p, q, side_p, side_q, face, axis):
     """Whether segment pq, whose ends lie on the given sides of the face's plane, meets the face."""
     if side_p * side_q > 0:
         return False
-    a, b, c = face[0], face[1], face[2]
     if side_p == 0 and side_q == 0:
-        return flat_segment_meets(points, p, q, a, b, c, axis)
-    ab = plane_side(points, p, q, a, b)
-    bc = plane_side(points, p, q, b, c)
-    if ab * bc < 0:
-        return False
-    ca = plane_side(points, p, q, c, a)
-    return not (min(ab, bc, ca) < 0 and max(ab, bc, ca) > 0)
+        return flat_segment_meets(points, p, q, face, axis)
+    low, high = 0, 0
+    for k in range(3):
+        side = plane_side(points, p, q, face[k], face[(k + 1) % 3])
+        low, high = min(low, side), max(high, side)
+        if low < 0 and high > 0:
+            return False
+    return True
 
 
 @kernel
-def apart_faces_meet(points, s, t, axis_s, axis_t):
-    """Whether two faces without common vertex meet."""
-    t0 = plane_side(points, s[0], s[1], s[2], t[0])
-    t1 = plane_side(points, s[0], s[1], s[2], t[1])
-    t2 = plane_side(points, s[0], s[1], s[2], t[2])
-    if min(t0, t1, t2) > 0 or max(t0, t1, t2) < 0:
+def fill_sides(points, face, other, sides):
+    """Fill sides (3,) with the sides of the face's plane on which the corners of another lie.
+
+    Returns whether all lie strictly on one side.
+    """
+    total = 0
+    for k in range(3):
+        sides[k] = plane_side(points, face[0], face[1], face[2], other[k])
+        total += sides[k]
+    return abs(total) == 3
+
+
+@kernel
+def apart_faces_meet(points, s, t, axis_s, axis_t, room):
+    """Whether two faces without common vertex meet. room is (2, 3) int64 to work in."""
+    if fill_sides(points, s, t, room[0]) or fill_sides(points, t, s, room[1]):
         return False
-    s0 = plane_side(points, t[0], t[1], t[2], s[0])
-    s1 = plane_side(points, t[0], t[1], t[2], s[1])
-    s2 = plane_side(points, t[0], t[1], t[2], s[2])
-    if min(s0, s1, s2) > 0 or max(s0, s1, s2) < 0:
-        return False
-    return (
-        segment_meets(points, t[0], t[1], t0, t1, s, axis_s)
-        or segment_meets(points, t[1], t[2], t1, t2, s, axis_s)
-        or segment_meets(points, t[2], t[0], t2, t0, s, axis_s)
-        or segment_meets(points, s[0], s[1], s0, s1, t, axis_t)
-        or segment_meets(points, s[1], s[2], s1, s2, t, axis_t)
-        or segment_meets(points, s[2], s[0], s2, s0, t, axis_t)
-    )
+    for turn in range(2):
+        for k in range(3):
+            l = (k + 1) % 3
+            if segment_meets(points, t[k], t[l], room[turn, k], room[turn, l], s, axis_s):
+                return True
+        s, t, axis_s = t, s, axis_t
+    return False
 
 
 @kernel
@@ -114,17 +120,16 @@ def tips_meet(points, s, t, i, j, axis_s, axis_t):
 
     A ray from the common vertex within both faces leaves one of them through the edge opposite.
     """
-    a, b = s[(i + 1) % 3], s[(i + 2) % 3]
-    c, d = t[(j + 1) % 3], t[(j + 2) % 3]
-    side_c = plane_side(points, s[0], s[1], s[2], c)
-    side_d = plane_side(points, s[0], s[1], s[2], d)
-    if side_c * side_d > 0:
-        return False
-    if segment_meets(points, c, d, side_c, side_d, s, axis_s):
-        return True
-    side_a = plane_side(points, t[0], t[1], t[2], a)
-    side_b = plane_side(points, t[0], t[1], t[2], b)
-    return segment_meets(points, a, b, side_a, side_b, t, axis_t)
+    for _ in range(2):
+        p, q = t[(j + 1) % 3], t[(j + 2) % 3]
+        side_p = plane_side(points, s[0], s[1], s[2], p)
+        side_q = plane_side(points, s[0], s[1], s[2], q)
+        if side_p * side_q > 0:
+            return False
+        if segment_meets(points, p, q, side_p, side_q, s, axis_s):
+            return True
+        s, t, j, axis_s = t, s, i, axis_t
+    return False
 
 
 @kernel
@@ -145,8 +150,11 @@ def wings_meet(points, s, t, common, axis):
 
 
 @kernel
-def faces_meet(points, faces, axes, f, g):
-    """Whether faces f and g meet elsewhere than in common vertices or a common edge."""
+def faces_meet(points, faces, axes, f, g, room):
+    """Whether faces f and g meet elsewhere than in common vertices or a common edge.
+
+    room is (2, 3) int64 to work in.
+    """
     s, t = faces[f], faces[g]
     common, count, i, j = 0, 0, 0, 0
     for k in range(3):
@@ -156,7 +164,7 @@ def faces_meet(points, faces, axes, f, g):
                 count += 1
                 i, j = k, l
     if count == 0:
-        return apart_faces_meet(points, s, t, axes[f], axes[g])
+        return apart_faces_meet(points, s, t, axes[f], axes[g], room)
     if count == 1:
         return tips_meet(points, s, t, i, j, axes[f], axes[g])
     if count == 2:
@@ -174,10 +182,11 @@ def boxes_meet(boxes, i, others, j):
 
 
 @kernel
-def mark_meeting(points, faces, axes, face_boxes, tree, first, last, nodes, marked):
+def mark_meeting(points, faces, axes, face_boxes, tree, first, last, nodes, room, marked):
     """Mark (m,) the faces that meet another, for pairs of places i < j with first <= i < last.
 
-    Faces are in the order of the tree's leaves; tree = (boxes, begin, end, leaves).
+    Faces are in the order of the tree's leaves; tree = (boxes, begin, end, leaves). nodes (STACK,)
+    int32 and room (2, 3) int64 are to work in.
     """
     boxes, begin, end, leaves = tree
     for i in range(first, last):
@@ -198,7 +207,7 @@ def mark_meeting(points, faces, axes, face_boxes, tree, first, last, nodes, mark
                     axes[j] >= 0
                     and not (marked[i] and marked[j])
                     and boxes_meet(face_boxes, i, face_boxes, j)
-                    and faces_meet(points, faces, axes, i, j)
+                    and faces_meet(points, faces, axes, i, j, room)
                 ):
                     marked[i] = True
                     marked[j] = True

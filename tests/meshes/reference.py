@@ -95,31 +95,33 @@ def line_side(a, b, c):
     return (value > 0) - (value < 0)
 
 
-def distance_to_triangle(point, corners):
-    """Distance of a point from a triangle by the least of: plane foot (if inside), three edges."""
-    a, b, c = corners
-    best = min(distance_to_segment(point, *ends) for ends in ((a, b), (b, c), (c, a)))
-    normal = np.cross(b - a, c - a)
-    if np.any(normal):
-        unit = normal / np.linalg.norm(normal)
-        height = unit @ (point - a)
-        foot = point - height * unit
-        if all(normal @ np.cross(q - p, foot - p) >= 0 for p, q in ((a, b), (b, c), (c, a))):
-            best = min(best, abs(height))
-    return best
+def distance_to_triangles(point, corners):
+    """Distances (m,) of a point from triangles (m, 3, 3): foot in the plane, else three edges."""
+    pairs = [(corners[:, k], corners[:, (k + 1) % 3]) for k in range(3)]
+    best = np.min([distance_to_segment(point, *ends) for ends in pairs], axis=0)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    unit = normal / np.where(length > 0, length, 1.0)[:, None]
+    height = np.einsum("ij,ij->i", unit, point - corners[:, 0])
+    foot = point - height[:, None] * unit
+    inside = length > 0
+    for a, b in pairs:
+        inside &= np.einsum("ij,ij->i", normal, np.cross(b - a, foot - a)) >= 0
+    return np.where(inside, np.minimum(best, np.abs(height)), best)
 
 
 def distance_to_segment(point, a, b):
-    """Distance of a point from the segment ab."""
+    """Distances of a point from the segments ab (..., 3)."""
     along = b - a
-    length = along @ along
-    share = np.clip(along @ (point - a) / length, 0.0, 1.0) if length > 0 else 0.0
-    return np.linalg.norm(point - a - share * along)
+    length = (along**2).sum(axis=-1)
+    share = ((point - a) * along).sum(axis=-1) / np.where(length > 0, length, 1.0)
+    foot = a + np.clip(share, 0.0, 1.0)[..., None] * along
+    return np.linalg.norm(point - foot, axis=-1)
 
 
 def closest_distance(points, corners):
-    """Distances (n,) of points from the nearest of triangles (m, 3, 3), pair by pair."""
-    return np.array([min(distance_to_triangle(p, t) for t in corners) for p in points])
+    """Distances (n,) of points from the nearest of triangles (m, 3, 3), all tried."""
+    return np.array([distance_to_triangles(p, corners).min() for p in points])
 
 
 def edge_faces(faces):

@@ -10,7 +10,9 @@ from meshes import InvalidMesh, TriMesh
 from meshes.box_tree import build_tree
 from meshes.box_tree_kernels import select
 from meshes.closest_point import ClosestPoint, sample_surface, two_sided_distance
+from meshes.closest_point_kernels import FAR, closest_on_triangle
 from tests import shapes
+from tests.meshes import reference
 from tests.meshes.reference import closest_distance, distance_to_segment
 
 
@@ -46,15 +48,15 @@ def test_random_triangles_near_and_far(scale):
     rng = np.random.default_rng(1)
     points = rng.normal(size=(60, 3)) * scale
     faces = rng.permuted(np.tile(np.arange(60), (40, 1)), axis=1)[:, :3]
-    queries = np.concatenate([rng.normal(size=(20, 3)), 1e3 * rng.normal(size=(10, 3))]) * scale
-    check_against_pairs(points, faces, queries[::2])
-    check_against_pairs(points, faces, queries[1::2], hints=rng.integers(-1, 40, 15))
+    queries = np.concatenate([rng.normal(size=(300, 3)), 1e3 * rng.normal(size=(50, 3))]) * scale
+    check_against_pairs(points, faces, queries)
+    check_against_pairs(points, faces, queries, hints=rng.integers(-1, 40, 350))
 
 
 def test_surface_with_hints_of_any_quality():
-    mesh = shapes.torus(n_major=14, n_minor=6)
+    mesh = shapes.torus(n_major=30, n_minor=12)
     rng = np.random.default_rng(2)
-    queries = mesh.points[::7] + 0.05 * rng.normal(size=mesh.points[::7].shape)
+    queries = mesh.points + 0.05 * rng.normal(size=mesh.points.shape)
     search = ClosestPoint(mesh.points, mesh.faces)
     plain = search.query(queries)
     check_against_pairs(mesh.points, mesh.faces, queries)
@@ -119,6 +121,20 @@ def test_select_halves_any_keys(most):
             np.testing.assert_array_equal(order[[0, 1, -2, -1]], before[[0, 1, -2, -1]])
             left, right = keys[order[2:middle]], keys[order[middle : size + 2]]
             assert len(left) == 0 or left.max() <= right.min()
+
+
+def test_the_limit_spares_only_what_lies_beyond_it():
+    rng = np.random.default_rng(0)
+    spared = 0
+    for corners, point in zip(rng.normal(size=(2000, 3, 3)), rng.normal(size=(2000, 3))):
+        u, v = corners[1:] - corners[0]
+        triangle = np.concatenate([corners[0], u, v, np.cross(u, v)])
+        square = reference.distance_to_triangles(point, corners[None])[0] ** 2
+        assert closest_on_triangle(*point, triangle, FAR)[2] == pytest.approx(square, rel=1e-9)
+        near = closest_on_triangle(*point, triangle, 1.001 * square)
+        assert near[2] == pytest.approx(square, rel=1e-9)
+        spared += closest_on_triangle(*point, triangle, 0.5 * square)[2] == FAR
+    assert spared > 300
 
 
 def test_nan_finds_nothing_and_bad_surfaces_are_refused():

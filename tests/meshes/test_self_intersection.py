@@ -31,7 +31,7 @@ APART = {
     "coplanar, star": ([(-1, 1, 0), (5, 1.5, 0), (-1, 2, 0)], True),
     "coplanar, along an edge": ([(1, 0, 0), (2, 0, 0), (1, -2, 0)], True),
     "coplanar, apart": ([(3, 3, 0), (5, 3, 0), (3, 5, 0)], False),
-    "coplanar, apart on the line of an edge": ([(5, 0, 0), (7, 0, 0), (6, -1, 0)], False),
+    "coplanar, apart on the line of an edge": ([(5, 0, 0), (7, 0, 0), (-1, -3, 0)], False),
     "equal but not the same vertices": (FLOOR, True),
 }
 SHARED = {
@@ -219,8 +219,8 @@ def test_the_filter_is_needed():
 
 def test_kernel_of_one_pair():
     points = np.array(FLOOR + APART["crossing"][0], float)
-    faces = np.array([[0, 1, 2], [3, 4, 5]], dtype=np.int32)
-    axes = np.empty(2, dtype=np.int8)
+    faces = np.array([[0, 1, 2], [3, 4, 5]], dtype=np.int64)
+    axes = np.empty(2, dtype=np.int64)
     find_axes(points, faces, axes)
     assert axes.tolist() == [2, 1]
-    assert faces_meet(points, faces, axes, 0, 1)
+    assert faces_meet(points, faces, axes, 0, 1, np.empty((2, 3), dtype=np.int64))
