@@ -178,7 +178,7 @@ def _most_refined(surface):
     count = np.bincount(table.edges.ravel(), minlength=len(surface.points))
     size = np.bincount(table.edges.ravel(), np.repeat(lengths, 2), minlength=len(count))
     size /= np.maximum(count, 1)
-    for _ in range(10):  # averaged over a neighbourhood, so that no single short edge wins
+    for _ in range(40):  # averaged over a neighbourhood, so that no single short edge wins
         total = np.bincount(table.edges[:, 0], size[table.edges[:, 1]], minlength=len(count))
         total += np.bincount(table.edges[:, 1], size[table.edges[:, 0]], minlength=len(count))
         size = (size + total) / (1 + count)

@@ -64,6 +64,6 @@ def _domain(section, folder):
     path = folder / section.surface
     try:
         surface = read_surface(path)
-    except (OSError, InvalidMesh) as error:
+    except (OSError, InvalidCase, InvalidMesh) as error:
         raise InvalidCase(f"domain.surface: {error}") from None
     return SurfaceDomain(surface.with_points(surface.points * _UNITS[section.unit]))

@@ -79,14 +79,17 @@ class RunFolder:
             patterns += _RUN_FILES
         return [file for pattern in patterns for file in self.path.glob(pattern)]
 
+    def _products(self):
+        """Whether the folder has any file that a stage made."""
+        patterns = [pattern for stage in STAGES for pattern in _FILES[stage]]
+        return any(True for pattern in patterns for _ in self.path.glob(pattern))
+
     def _check_mine(self, case):
         if not self.path.exists():
             return
         if not self.path.is_dir():
             raise InvalidCase(f"--out {self.path}: is a file, not a folder")
-        if not any(self.path.iterdir()):
-            return
-        if self.stored_case() != case:
+        if self._products() and self.stored_case() != case:
             raise InvalidCase(
                 f"--out {self.path}: holds another run's files; choose another folder, "
                 "or add --force to replace them"
