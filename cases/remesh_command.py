@@ -142,9 +142,7 @@ def run_remesh(request):
     reporter = make_reporter(request.quiet, request.verbose)
     began = time.perf_counter()
     try:
-        reporter.begin("remesh")
         before, after = remesh_files.remesh_file(request, sigma, _in_file_units(request), reporter)
-        reporter.end(f"{request.destination}")
     finally:
         reporter.close()
     if not request.quiet:

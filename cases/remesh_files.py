@@ -40,6 +40,7 @@ def remesh_file(request, sigma, parse_length, reporter):
     _check_suffix(request.destination)
     surface = read_surface(request.source)
     require_valid(surface, closed=False, name=str(request.source))
+    reporter.begin("remesh")
     surface = find_features(surface)
     sigma = sigma_length(sigma, surface.diagonal, parse_length)
     surfaces = None  # the input's own triangles, smoothed
@@ -63,7 +64,9 @@ def remesh_file(request, sigma, parse_length, reporter):
     write_surface(request.destination, result.mesh)
     reporter.update("measuring")
     measured = sigma if sigma > 0.0 else 0.05 * surface.diagonal
-    return _figures(surface, measured), _figures(result.mesh, measured, surface)
+    before, after = _figures(surface, measured), _figures(result.mesh, measured, surface)
+    reporter.end(str(request.destination))
+    return before, after
 
 
 def _check_suffix(path):
