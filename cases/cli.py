@@ -140,13 +140,13 @@ def run_guarded(work: Callable[[], int | None]):
     except NotConverged as error:
         return _fail(1, str(error))
     except (InvalidCase, InvalidMesh) as error:
-        return _fail(1 if isinstance(error.__cause__, OSError) else 2, str(error))
+        return _fail(_code_of(error.__cause__), str(error))
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        return _fail(1, f"{where}{error.strerror or error}")
+        return _fail(_code_of(error), f"{where}{error.strerror or error}")
     except MemoryError:
         return _fail(1, "out of memory; use a coarser mesh (mesh.edge_length or mesh.tets)")
     except Terminated:
@@ -155,6 +155,12 @@ def run_guarded(work: Callable[[], int | None]):
         return _fail(130, "interrupted; finished files are kept")
     finally:
         _on_terminate(previous)
+
+
+def _code_of(cause):
+    """1 where a file failed (a full disk), 2 where a wrong one was named."""
+    wrong_name = FileNotFoundError | IsADirectoryError | NotADirectoryError | PermissionError
+    return 1 if isinstance(cause, OSError) and not isinstance(cause, wrong_name) else 2
 
 
 class Terminated(KeyboardInterrupt):
