@@ -10,7 +10,14 @@ from hashlib import blake2b
 
 import numpy as np
 
-from topopt.box_qp import StepSolution, sets_of, solve_box, solve_equality, solve_globalised
+from topopt.box_qp import (
+    StepSolution,
+    meet_volume,
+    sets_of,
+    solve_box,
+    solve_equality,
+    solve_globalised,
+)
 from topopt.projection import project_in_metric
 
 MAX_ITERATIONS = 30
@@ -70,7 +77,7 @@ def active_set_iteration(qp, sets, x, kappa):
         mu = np.where(sets != 0, qp.multiplier(x, kappa) / qp.mass, 0.0)
         updated = update_sets(qp, x, mu)
         if np.array_equal(updated, sets):
-            return StepSolution(x, kappa, mu, sets, iteration, False)
+            return StepSolution(meet_volume(qp, x), kappa, mu, sets, iteration, False)
         digest = blake2b(updated.tobytes(), digest_size=16).digest()
         if digest in seen:
             return None
@@ -80,8 +87,12 @@ def active_set_iteration(qp, sets, x, kappa):
 
 
 def update_sets(qp, x, mu):
-    """The sets (n,) of (2.20) with c = D / m (1 / tau for the plain flow)."""
-    c = qp.diagonal / qp.mass
+    """The sets (n,) of (2.20) with c = diag(H) / m.
+
+    The thesis leaves c > 0 open. It only decides whether a node may change from one bound to the
+    other at once; with c = 1 / tau long steps make whole regions do so, and cycle.
+    """
+    c = qp.jacobi / qp.mass
     sets = (c * (x - qp.upper) + mu > 0).astype(np.int8) - (c * (x - qp.lower) + mu < 0)
     sets[~qp.movable] = -1
     return sets

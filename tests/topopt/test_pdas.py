@@ -9,10 +9,11 @@ from scipy.sparse import csr_matrix
 from meshes.errors import InvalidCase, NotConverged
 from meshes.structured import bcc_box
 from tests.topopt import reference_optimizer as reference
+from topopt import pdas
 from topopt import pdas_kernels as kernels
-from topopt.box_qp import StepQP, sets_of, solve_globalised
+from topopt.box_qp import StepQP, meet_volume, sets_of, solve_globalised
 from topopt.ginzburg_landau import GinzburgLandau
-from topopt.pdas import active_set_iteration, first_guess, solve_step
+from topopt.pdas import active_set_iteration, solve_step
 from topopt.projection import project_in_metric, project_volume
 
 MESH = bcc_box((0, 0, 0), (3, 1, 1), (5, 2, 1))
@@ -95,17 +96,46 @@ def test_short_steps_need_few_iterations_and_no_fallback():
         assert solution.iterations <= 4
 
 
-def test_plain_strategy_fails_on_long_steps_and_the_fallback_does_not():
+def sets_with_the_thesis_constant(qp, x, mu, trace):
+    """(2.20) with c = 1 / tau, remembering what comes out."""
+    c = qp.diagonal / qp.mass
+    sets = (c * (x - qp.upper) + mu > 0).astype(np.int8) - (c * (x - qp.lower) + mu < 0)
+    trace.append(sets)
+    return sets
+
+
+def test_long_steps_need_no_fallback_but_with_c_of_one_over_tau(monkeypatch):
+    """With the thesis's c plain iterations cycle or run empty, and the fallback solves them all."""
+    ends = []
+    for seed in range(30):
+        qp, phi = mesh_qp(3.0, seed, volume_fraction=0.3, roughness=0.3)
+        exact = solve_step(qp, phi)
+        assert not exact.fallback and exact.iterations <= 8
+        trace = []
+        with monkeypatch.context() as patch:
+            patch.setattr(
+                pdas,
+                "update_sets",
+                lambda *terms, to=trace: sets_with_the_thesis_constant(*terms, to),
+            )
+            solution = solve_step(qp, phi)
+        check(qp, solution, exact.x)
+        if solution.fallback:
+            ends.append("cycle" if np.any(trace[-1] == 0) else "empty")
+    assert {"cycle", "empty"} <= set(ends)
+
+
+def test_bad_first_sets_fail_and_the_fallback_does_not():
     failed = 0
     for seed in range(12):
-        qp, phi = mesh_qp(30.0, seed, volume_fraction=0.05, roughness=3.0)
-        x, kappa = first_guess(qp, phi)
-        if active_set_iteration(qp, sets_of(qp, x), x, kappa) is None:
+        qp, phi = mesh_qp(30.0, seed)
+        rng = np.random.default_rng(seed)
+        sets = np.where(phi > 0.5, 1, -1) * (rng.uniform(size=len(phi)) > 0.1)
+        if active_set_iteration(qp, sets.astype(np.int8), phi, 0.0) is None:
             failed += 1
-            solution = solve_step(qp, phi)
-            assert solution.fallback
-            check(qp, solution, reference.solve_qp_by_bisection(qp)[0] if failed == 1 else None)
-    assert failed >= 3
+            exact = reference.solve_qp_by_bisection(qp)[0] if failed == 1 else None
+            check(qp, solve_globalised(qp, phi, 0.0), exact)
+    assert failed >= 2
 
 
 def test_empty_inactive_set_goes_to_the_fallback():
@@ -127,6 +157,16 @@ def test_bang_bang_solution_without_inactive_nodes():
     )
     solution = solve_step(qp, np.full(len(phi), volume / qp.mass.sum()))
     np.testing.assert_array_equal(solution.x, chosen.astype(float))
+
+
+@pytest.mark.parametrize("off", [1e-9, -1e-9])
+def test_missing_volume_is_spread_over_the_inactive_nodes(off):
+    qp, phi = mesh_qp(0.5)
+    inactive = (phi > 0) & (phi < 1)
+    moved = meet_volume(qp, np.where(inactive, phi * (1 - phi) * off + phi, phi))
+    assert qp.mass @ moved == pytest.approx(qp.volume, rel=1e-15)
+    np.testing.assert_array_equal(moved[~inactive], phi[~inactive])
+    assert np.all((moved >= 0) & (moved <= 1))
 
 
 def test_without_volume_constraint():
