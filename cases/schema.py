@@ -138,7 +138,7 @@ class TopoptSection(Section):
         200, description="accepted steps at most"
     )
     step: Literal["controlled", "variable_metric", "fixed"] = Field(
-        "controlled", description="fixed: every step with the first tau, as the thesis ran it"
+        "variable_metric", description="fixed: every step with the first tau, as the thesis ran it"
     )
     tau: PositiveOrAuto = Field("auto", description="(first) step size of the flow [1/Pa]")
     tolerance: NotNegative = Field(

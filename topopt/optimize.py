@@ -179,7 +179,7 @@ def nodal_values(mesh, start):
 def check_settings(settings):
     """Raise InvalidCase if a setting is out of range."""
     rules = {
-        "steps": settings.steps >= 1,
+        "steps": settings.steps >= 0,
         "step": settings.step in RULES,
         "tau": settings.tau is None or settings.tau > 0.0,
         "tolerance": settings.tolerance >= 0.0,
@@ -188,7 +188,7 @@ def check_settings(settings):
     }
     for name, holds in rules.items():
         if not holds:
-            wanted = {"steps": "at least 1", "step": "one of " + ", ".join(RULES)}
+            wanted = {"step": "one of " + ", ".join(RULES)}
             wanted |= {"tau": "positive", "state_tolerance": "in (0, 0.01]"}
             raise InvalidCase(
                 f"{name}: must be {wanted.get(name, 'at least 0')}, "

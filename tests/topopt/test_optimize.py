@@ -222,7 +222,7 @@ def test_measured_interface_of_a_known_slope():
 
 @pytest.mark.parametrize(
     "settings, named",
-    [({"step": "newton"}, "step"), ({"tau": -1.0}, "tau"), ({"steps": 0}, "steps")],
+    [({"step": "newton"}, "step"), ({"tau": -1.0}, "tau"), ({"steps": -1}, "steps")],
 )
 def test_bad_settings_are_refused_by_name(settings, named):
     with pytest.raises(InvalidCase, match=f"^{named}: "):
