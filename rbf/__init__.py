@@ -6,6 +6,7 @@ from rbf.greedy import GreedyFit, fit_greedy
 from rbf.hermite import HermiteInterpolant, fit_hermite
 from rbf.interpolant import CompactInterpolant, FitReport
 from rbf.kernels import KERNELS, Kernel
+from rbf.levels import LevelsInterpolant, fit_levels
 from rbf.normals import pca_normals, vertex_normals
 from rbf.offsets import OffsetInterpolant, fit_offsets
 from rbf.scattered import ValueInterpolant, fit_values
@@ -19,11 +20,13 @@ __all__ = [
     "GreedyFit",
     "HermiteInterpolant",
     "Kernel",
+    "LevelsInterpolant",
     "OffsetInterpolant",
     "ValueInterpolant",
     "fit_global",
     "fit_greedy",
     "fit_hermite",
+    "fit_levels",
     "fit_offsets",
     "fit_surface",
     "fit_surfaces",

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from meshes import InvalidCase, InvalidMesh
-from rbf import fit_values
+from rbf import fit_levels, fit_values
+from rbf.levels import thin_out
 
 
 def smooth(points):
@@ -91,3 +92,35 @@ def test_zero_values_and_bad_input():
         fit_values(points, np.append(np.zeros(29), np.inf))
     with pytest.raises(InvalidCase, match="compactly supported"):
         fit_values(points, np.zeros(30), kernel="gaussian")
+
+
+def test_levels_reproduce_values_and_beat_one_level():
+    points = np.random.default_rng(0).random((3000, 3))
+    queries = np.random.default_rng(1).random((1000, 3))
+    several = fit_levels(points, smooth(points), tolerance=1e-9)
+    assert len(several.levels) == 4
+    np.testing.assert_allclose(several.value(points), smooth(points), atol=1e-6)
+    one = fit_levels(points, smooth(points), levels=1)
+    errors = [np.std(fit.value(queries) - smooth(queries)) for fit in (several, one)]
+    assert errors[0] < 0.2 * errors[1]
+    value, gradient = several.value_and_gradient(queries)
+    np.testing.assert_array_equal(value, several.value(queries))
+    np.testing.assert_array_equal(gradient, several.gradient(queries))
+    step = 1e-5 * np.eye(3)
+    slopes = [several.value(queries + e) - several.value(queries - e) for e in step]
+    np.testing.assert_allclose(gradient, np.stack(slopes, axis=1) / 2e-5, atol=1e-4)
+    assert several.hessian(queries[:3]).shape == (3, 3, 3)
+
+
+def test_levels_without_points_are_left_out():
+    points = np.random.default_rng(0).random((60, 3))
+    assert len(fit_levels(points, smooth(points), levels=9).levels) < 4
+    with pytest.raises(InvalidCase, match="levels"):
+        fit_levels(points, smooth(points), levels=0)
+
+
+def test_thinning_keeps_one_point_in_each_cube():
+    points = np.random.default_rng(0).random((500, 3))
+    kept = thin_out(points, 0.25)
+    cells = np.floor((points - points.min(axis=0)) / 0.25).astype(int)
+    assert len(np.unique(cells[kept], axis=0)) == len(kept) == len(np.unique(cells, axis=0))
