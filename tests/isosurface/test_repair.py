@@ -17,9 +17,9 @@ from isosurface import (
 from isosurface.repair import half_edges
 from isosurface.sliver_kernels import collapse_sweep, flip_sweep
 from isosurface.structure import surface_structure
-from meshes import InvalidMesh, TriMesh
+from meshes import InvalidMesh, Patch, Plane, TriMesh
 from meshes.closest_point import two_sided_distance
-from meshes.quality import triangle_angles
+from meshes.quality import area_vectors, triangle_angles
 from meshes.self_intersection import self_intersecting_faces
 from meshes.topology import require_valid, topology
 from tests import shapes
@@ -98,6 +98,8 @@ def test_random_surfaces_stay_manifold_through_repair_and_smoothing(seed, cells,
     planes = field.mesh.symmetry
     before = topology(*_counted(mirror(raw, planes)))
     mended, _ = repair_slivers(raw, planes)
+    assert _patches(mended) == _patches(raw)
+    _check_planes(mended, planes)
     whole = mirror(mended, planes)
     after = require_valid(whole)
     for what in ("genus", "components", "euler"):
@@ -105,6 +107,25 @@ def test_random_surfaces_stay_manifold_through_repair_and_smoothing(seed, cells,
     smoothed, _ = smooth(mended, SmoothingSettings(iterations=5, restore_volume=False), planes)
     found = topology(*_counted(mirror(smoothed, planes)))
     assert (found.manifold, found.watertight, found.euler) == (True, True, after.euler)
+
+
+def _patches(mesh):
+    """Pieces, loops and Euler number of every label's faces."""
+    found = []
+    for label, patch in enumerate(mesh.labels):
+        part = topology(mesh.faces[mesh.face_labels == label], len(mesh.points))
+        found.append((patch.name, part.components, part.boundary_loops, part.euler))
+    return found
+
+
+def _check_planes(mesh, symmetry):
+    """No face lies within the plane of another label, or of symmetry."""
+    structure = surface_structure(mesh, symmetry)
+    planar = [k for k, patch in enumerate(mesh.labels) if patch.plane is not None]
+    for column in range(structure.on_plane.shape[1]):
+        own = planar[column] if column < len(planar) else -1
+        within = structure.on_plane[mesh.faces, column].all(axis=1)
+        assert np.all(mesh.face_labels[within] == own)
 
 
 def _counted(mesh):
@@ -149,6 +170,36 @@ def test_flips_keep_the_half_edges_consistent():
     merges = collapse_sweep(mesh, limits, 0.7, 1, -1)
     assert merges > 20
     _check_twins(mesh)
+
+
+@pytest.mark.parametrize("name, symmetry", [("arch", "xy"), ("random", "xyz"), ("random", "")])
+def test_open_surfaces_keep_consistent_half_edges(name, symmetry):
+    field = FIELDS["arch"]()
+    if name == "random":
+        field = fields.random_field(np.random.default_rng(8), 4, symmetry)
+    surface = extract_surface(field)
+    mesh = half_edges(surface, surface_structure(surface, field.mesh.symmetry))
+    for sweep in range(6):
+        done = collapse_sweep(mesh, RepairSettings().limits, 0.1 * (sweep + 1), sweep, -1)
+        assert flip_sweep(mesh, RepairSettings().limits, sweep, -1) + done > 0 or sweep > 1
+        _check_twins(mesh)
+
+
+@pytest.mark.parametrize("patch", [Patch("cap", Plane((0.0, 0.0, 1.0), 0.0)), Patch("smooth")])
+def test_collapses_that_would_fold_a_face_are_refused(patch):
+    rng = np.random.default_rng(4)
+    k = np.arange(8)
+    faces = np.stack([np.full(8, 8), k, (k + 1) % 8], axis=1)
+    mended_stars = 0
+    for _ in range(60):  # stars about a vertex, with deep dents
+        angle = (k + rng.uniform(-0.3, 0.3, 8)) * np.pi / 4
+        radius = rng.choice([0.1, 0.3, 1.0], size=8)
+        ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle], axis=1)
+        star = TriMesh(np.concatenate([ring, np.zeros((1, 3))]), faces, labels=(patch,))
+        mended, report = repair_slivers(star)
+        mended_stars += report.collapses + report.flips > 0
+        assert np.all(area_vectors(mended.points, mended.faces)[:, 2] > 0.0)
+    assert mended_stars > 10
 
 
 def _check_twins(mesh):
