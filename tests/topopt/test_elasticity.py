@@ -257,6 +257,18 @@ def test_a_warm_start_needs_fewer_iterations(bridge, bridge_states):
     assert warm.compliance == pytest.approx(cold.compliance, rel=1e-8)
 
 
+def test_compliance_of_a_loose_warm_start_is_second_order(bridge, bridge_states):
+    """f.u of a warm start is off by the residual itself; f.u + r.u only by its square."""
+    _, _, phi = bridge
+    models, states = bridge_states
+    model, exact = models["multigrid"], states["direct"].compliance
+    other = model.solve(0.05 + 0.9 * phi, tolerance=1e-6)
+    loose = model.solve(phi, start=other.displacement, tolerance=3e-2)
+    first_order = np.vdot(model.forces(phi), loose.displacement)
+    assert abs(loose.compliance - exact) < 0.1 * abs(first_order - exact)
+    assert loose.compliance_error == pytest.approx(exact - loose.compliance, rel=0.6)
+
+
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_lengths_times_s_give_compliance_times_s_cubed(bridge, bridge_states, scale):
     _, conditions, phi = bridge

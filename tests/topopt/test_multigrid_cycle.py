@@ -12,7 +12,13 @@ from tests.topopt import reference_elasticity as twin
 from topopt.elasticity import ElasticModel
 from topopt.interpolation import stiffness_factor
 from topopt.multigrid import CycleSettings, cycle_kernels, solver_kernels
-from topopt.multigrid.cycle import apply_cycle, chebyshev_steps, smooth, smooth_from_zero
+from topopt.multigrid.cycle import (
+    apply_cycle,
+    chebyshev_steps,
+    smooth,
+    smooth_from_zero,
+    solve_by_krylov,
+)
 from topopt.multigrid.hierarchy import SINGLE
 from topopt.multigrid.solver import MultigridSolver
 
@@ -226,6 +232,24 @@ def test_k_cycle_needs_no_more_iterations_than_v_cycle():
         assert len(solver.hierarchy.levels) == 4 or len(solver.hierarchy.levels) == 3
         counts[name] = solver.solve(f, tolerance=1e-8).iterations
     assert counts["K"] < counts["V"]
+
+
+def test_k_cycle_minimises_the_energy_over_two_directions(levels):
+    """x = argmin of x.A x / 2 - f.x over the span of B f and B (f - alpha A B f)."""
+    level, settings = levels[1], CycleSettings()
+    a, b = dense_matrix(level), cycle_matrix(levels, settings, depth=1)
+    f = np.random.default_rng(0).standard_normal(level.f.size)
+    first = b @ f
+    second = b @ (f - (first @ f) / (first @ a @ first) * a @ first)
+    directions = np.stack([first, second], axis=1)
+    weights = np.linalg.solve(directions.T @ a @ directions, directions.T @ f)
+    expected = directions @ weights
+    level.f[:] = f.reshape(level.f.shape)
+    solve_by_krylov(levels, settings, 1)
+    energy = np.sqrt(expected @ a @ expected)
+    off = level.x.ravel() - expected
+    assert np.sqrt(off @ a @ off) < 2e-6 * energy
+    assert_allclose(level.f.ravel(), f, rtol=1e-6)
 
 
 def test_numbers_do_not_depend_on_earlier_matrices():
