@@ -18,7 +18,7 @@ from cases.load import load_case
 from cases.manifest import Manifest
 from cases.memory import MemorySampler
 from cases.pictures import make_pictures
-from cases.problem import to_problem
+from cases.problem import to_problem, units_warning
 from cases.progress import make_reporter
 from cases.remesh_stage import RemeshStage
 from cases.resolved import resolved_case, write_case
@@ -88,6 +88,8 @@ def run_pipeline(path, shown, options):
         manifest = Manifest(folder / "manifest.json", facts, earlier)
         manifest.data["warnings"] = log.warnings
         with _outcome(manifest):
+            if units_warning(problem):
+                LOG.warning("%s", units_warning(problem))
             _run_stages(run, options, manifest, memory)
             summary = _finish(run, options, manifest, memory)
     if not options.quiet:

@@ -8,6 +8,7 @@ from meshes.io import read_surface
 from meshes.patch import SymmetryPlane
 from topopt.problem import Box, BoxDomain, Load, Material, Problem, Support, SurfaceDomain
 
+LARGEST_PART = 10.0  # m
 _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
 
@@ -38,6 +39,21 @@ def to_problem(loaded):
         ),
         symmetry=tuple(SymmetryPlane(*quantities.plane(text)) for text in case.symmetry),
         gravity=case.gravity,
+    )
+
+
+def units_warning(problem):
+    """A sentence if the domain is so large that a unit was probably forgotten, else None."""
+    domain = problem.domain
+    corners = (
+        [domain.lower, domain.upper] if isinstance(domain, BoxDomain) else domain.surface.points
+    )
+    size = max(max(values) - min(values) for values in zip(*corners))
+    if size < LARGEST_PART:
+        return None
+    return (
+        f"the domain is {size:g} m long; lengths without a unit are metres, so write 50mm for "
+        "50 millimetres"
     )
 
 
