@@ -15,8 +15,8 @@ from meshes.topology import edge_table, feature_mask
 from remesh.curves import Curves, find_curves
 from remesh.nearest import closest_many, count_cells, fill_cells
 
-CELLS_PER_TRIANGLE = 8
-EDGES_PER_CELL = 1.5
+CELLS_PER_TRIANGLE = 16
+EDGES_PER_CELL = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,23 @@ def make_reference(mesh, normals, twins, crease):
     boxes = np.concatenate([stacked.min(axis=0), stacked.max(axis=0)], axis=1)
     starts, triangles, grid = _cells(boxes, u)
     flat = np.ascontiguousarray(normals.reshape(-1, 9))
-    return corners, flat, sides, np.ascontiguousarray(boxes), starts, triangles, grid
+    return (
+        corners,
+        flat,
+        sides,
+        starts,
+        triangles,
+        _outward(boxes - np.tile(grid[:3], 2))[triangles],
+        grid,
+    )
+
+
+def _outward(boxes):
+    """Boxes (m, 6) as float32, rounded so that they contain what they did."""
+    rounded = boxes.astype(np.float32)
+    rounded[:, :3] = np.nextafter(rounded[:, :3], np.float32(-np.inf))
+    rounded[:, 3:] = np.nextafter(rounded[:, 3:], np.float32(np.inf))
+    return rounded
 
 
 def _cells(boxes, edges):

@@ -9,10 +9,11 @@ normals : (m, 9) float64
     The surface's unit normals at the three corners.
 sides : (m, 4) int64
     The neighbours across the edges (0, 1), (1, 2), (2, 0), -1 at feature edges; the patch.
-boxes : (m, 6) float64
-    Lower and upper corner of each triangle's bounding box.
 cell_start, cell_triangles : int64
     Triangles by cell of a regular grid.
+cell_boxes : (e, 6) float32
+    Bounding box of each triangle listed in a cell, from the grid's corner, rounded outward: read
+    in order, where the triangles themselves would be fetched from all over the memory.
 grid : (7,) float64
     Lower corner, cell size, and the number of cells along each axis.
 """
@@ -22,6 +23,8 @@ import math
 import numpy as np
 
 from remesh.compiled import kernel
+
+NEAR = 0.5  # of a cell: hints within it need no walk
 
 
 @kernel
@@ -65,12 +68,14 @@ def triangle_distance(corners, t, x, y, z):
 def closest(reference, x, y, z, hint):
     """Nearest triangle of the patch of `hint`, barycentric (v, w) on it, squared distance.
 
-    A walk over neighbours gives a bound; the cells within that bound make it exact.
+    The hint, or a walk over neighbours from a far hint, gives a bound; the cells within that
+    bound make it exact.
     """
-    corners, _, sides, boxes, cell_start, cell_triangles, grid = reference
+    corners, _, sides, cell_start, cell_triangles, cell_boxes, grid = reference
     nearest = hint
     best_v, best_w, least = triangle_distance(corners, hint, x, y, z)
-    here = -1
+    size = grid[3]
+    here = nearest if least < NEAR * NEAR * size * size else -1
     while here != nearest:
         here = nearest
         for k in range(3):
@@ -81,25 +86,22 @@ def closest(reference, x, y, z, hint):
                     least, nearest, best_v, best_w = square, t, v, w
     patch = sides[hint, 3]
     radius = math.sqrt(least)
-    size = grid[3]
+    px, py, pz = x - grid[0], y - grid[1], z - grid[2]
     ny, nz = int(grid[5]), int(grid[6])
-    i0, i1 = max(int((x - radius - grid[0]) / size), 0), int((x + radius - grid[0]) / size)
-    j0, j1 = max(int((y - radius - grid[1]) / size), 0), int((y + radius - grid[1]) / size)
-    k0, k1 = max(int((z - radius - grid[2]) / size), 0), int((z + radius - grid[2]) / size)
-    i1, j1, k1 = min(i1, int(grid[4]) - 1), min(j1, ny - 1), min(k1, nz - 1)
-    for i in range(i0, i1 + 1):
+    i0, i1 = max(int((px - radius) / size), 0), min(int((px + radius) / size), int(grid[4]) - 1)
+    j0, j1 = max(int((py - radius) / size), 0), min(int((py + radius) / size), ny - 1)
+    k0, k1 = max(int((pz - radius) / size), 0), min(int((pz + radius) / size), nz - 1)
+    for i in range(i0, i1 + 1 if k0 <= k1 else i0):
         for j in range(j0, j1 + 1):
             cell = (i * ny + j) * nz
-            if k0 > k1:
-                continue
             for entry in range(cell_start[cell + k0], cell_start[cell + k1 + 1]):
-                t = cell_triangles[entry]
-                if sides[t, 3] != patch:
+                dx = max(cell_boxes[entry, 0] - px, max(px - cell_boxes[entry, 3], 0.0))
+                dy = max(cell_boxes[entry, 1] - py, max(py - cell_boxes[entry, 4], 0.0))
+                dz = max(cell_boxes[entry, 2] - pz, max(pz - cell_boxes[entry, 5], 0.0))
+                if dx * dx + dy * dy + dz * dz >= least:
                     continue
-                dx = max(boxes[t, 0] - x, max(x - boxes[t, 3], 0.0))
-                dy = max(boxes[t, 1] - y, max(y - boxes[t, 4], 0.0))
-                dz = max(boxes[t, 2] - z, max(z - boxes[t, 5], 0.0))
-                if dx * dx + dy * dy + dz * dz >= least or t == nearest:
+                t = cell_triangles[entry]
+                if t == nearest or sides[t, 3] != patch:
                     continue
                 v, w, square = triangle_distance(corners, t, x, y, z)
                 if square < least:
