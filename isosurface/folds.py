@@ -3,6 +3,7 @@
 import numpy as np
 
 from meshes.quality import area_vectors, normalised
+from meshes.self_intersection import self_intersecting_faces
 
 # A face is folded when its normal is more than acos(0.1) = 84 degrees off the surface around it;
 # in a plane, when its area seen along the plane's normal falls below this share of the square of
@@ -59,11 +60,17 @@ class FoldCheck:
         crossed[self._beside[0][kept < LEAST_DISTANCE]] = True
         return bad | crossed[self._faces].any(axis=1)
 
-    def retreat(self, before, after):
+    def retreat(self, before, after, intersections=False):
         """Move vertices of folded faces back towards where they were until none is left.
 
         A vertex goes half of the way back up to five times, then all of the way; faces whose
         vertices are all back are as good as they were, so the search ends.
+
+        Parameters
+        ----------
+        before, after : (n, 3) float arrays
+        intersections : bool
+            Whether to draw back faces that meet other faces, too.
 
         Returns
         -------
@@ -74,7 +81,10 @@ class FoldCheck:
         share = np.ones(len(after))
         points = np.array(after)
         while True:
-            bad = self.folded(points) & (share[self._faces] > 0).any(axis=1)
+            movable = (share[self._faces] > 0.0).any(axis=1)
+            bad = self.folded(points) & movable
+            if intersections and not bad.any():
+                bad = self_intersecting_faces(points, self._faces) & movable
             if not bad.any():
                 return points, share < 1.0
             vertices = np.unique(self._faces[bad])

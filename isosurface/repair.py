@@ -12,6 +12,7 @@ import numpy as np
 from isosurface.sliver_kernels import (
     CORNER,
     CURVE,
+    FROZEN,
     INTERIOR,
     HalfEdges,
     Limits,
@@ -22,6 +23,7 @@ from isosurface.structure import surface_structure
 from meshes import InvalidMesh, TriMesh
 from meshes.curves import feature_mask, label_boundaries
 from meshes.quality import area_vectors, normalised, triangle_angles
+from meshes.self_intersection import self_intersecting_faces
 
 RAMP = 4  # sweeps in which the length below which edges are collapsed grows
 
@@ -93,7 +95,7 @@ def repair_slivers(surface, symmetry=(), settings=None):
     surface : TriMesh
         Topology, labels, curves and corners are kept. Vertices of curves move along them, those of
         planar labels and symmetry planes within these, and no edge is made that would coincide
-        with its own mirror image.
+        with its own mirror image. Where faces would meet each other the surface is left as it is.
     report : RepairReport
 
     Raises
@@ -103,19 +105,50 @@ def repair_slivers(surface, symmetry=(), settings=None):
     """
     settings = RepairSettings() if settings is None else settings
     structure = surface_structure(surface, symmetry)
-    mesh = half_edges(surface, structure)
-    limits = settings.limits
+    frozen = np.zeros(len(surface.points), dtype=bool)
+    while True:
+        mesh = half_edges(surface, structure)
+        mesh.kind[frozen] = FROZEN
+        collapses, flips = _sweep(mesh, settings)
+        bad = _meeting(mesh)
+        if not bad.any() or np.array_equal(frozen, frozen | bad):
+            break
+        frozen = _dilated(frozen | bad, structure.table.edges)
+    repaired = _compact(surface, mesh)
+    return repaired, RepairReport(collapses, flips, _worst(surface), _worst(repaired))
+
+
+def _sweep(mesh, settings):
+    """Collapse and flip in turn until nothing changes: numbers of collapses and flips."""
     collapses = flips = 0
     for sweep in range(settings.sweeps):
         ramp = min(1.0, (sweep + 1) / RAMP)  # the shortest edges first
         since = sweep - 1 if sweep >= RAMP else -1
-        collapsed = collapse_sweep(mesh, limits, ramp * settings.short_edge, sweep, since)
-        flipped = flip_sweep(mesh, limits, sweep, since)
+        share = ramp * settings.short_edge
+        collapsed = collapse_sweep(mesh, settings.limits, share, sweep, since)
+        flipped = flip_sweep(mesh, settings.limits, sweep, since)
         collapses, flips = collapses + collapsed, flips + flipped
         if collapsed + flipped == 0 and sweep >= RAMP:
             break
-    repaired = _compact(surface, mesh)
-    return repaired, RepairReport(collapses, flips, _worst(surface), _worst(repaired))
+    return collapses, flips
+
+
+def _meeting(mesh):
+    """Vertices (n,) bool of faces that meet other faces, and all that were merged into these."""
+    faces = mesh.faces[mesh.alive]
+    bad = np.zeros(len(mesh.points), dtype=bool)
+    bad[faces[self_intersecting_faces(mesh.points, faces)]] = True
+    root = mesh.merged
+    while np.any(root != root[root]):
+        root = root[root]
+    return bad[root]
+
+
+def _dilated(chosen, edges):
+    """Chosen vertices (n,) bool and their neighbours."""
+    result = chosen.copy()
+    result[edges[chosen[edges].any(axis=1)]] = True
+    return result
 
 
 def half_edges(surface, structure):
@@ -143,7 +176,7 @@ def half_edges(surface, structure):
         curve=curve[table.face_edges].ravel(),
         alive=np.ones(len(faces), dtype=bool),
         points=np.array(surface.points),
-        kind=_kinds(table.edges[curve], len(surface.points)),
+        kind=_kinds(table.edges[curve], on_symmetry),
         planes=planes.astype(np.int64),
         symmetry=((1 << symmetry_count) - 1) << len(planar),
         face_plane=plane_of_label[surface.face_labels],
@@ -151,6 +184,7 @@ def half_edges(surface, structure):
         normals=smooth_normals(surface, structure),
         size=_sizes(surface, structure),
         changed=np.zeros(len(surface.points), dtype=np.int64),
+        merged=np.arange(len(surface.points)),
     )
 
 
@@ -166,10 +200,11 @@ def _twins(faces, table):
     return twin
 
 
-def _kinds(curve_edges, count):
-    """INTERIOR, CURVE or CORNER for every vertex (n,)."""
-    degree = np.bincount(curve_edges.ravel(), minlength=count)
-    return np.where(degree == 0, INTERIOR, np.where(degree == 2, CURVE, CORNER))
+def _kinds(curve_edges, on_symmetry):
+    """INTERIOR, CURVE or CORNER for every vertex (n,); a corner too where symmetry planes meet."""
+    degree = np.bincount(curve_edges.ravel(), minlength=len(on_symmetry))
+    corner = (degree != 2) | (on_symmetry.sum(axis=1) > 1)
+    return np.where(degree == 0, INTERIOR, np.where(corner, CORNER, CURVE))
 
 
 def smooth_normals(surface, structure, rounds=2):

@@ -11,18 +11,19 @@ from numba import njit
 
 RING = 64  # vertices of more faces are left alone
 
-INTERIOR, CURVE, CORNER = 0, 1, 2
+INTERIOR, CURVE, CORNER, FROZEN = 0, 1, 2, 3
 ZERO = (0.0, 0.0, 0.0)
 
 # faces (m, 3), twin (3m,), out (n,): a half-edge that leaves each vertex; curve (3m,) bool: on a
-# kept curve; alive (m,) bool; points (n, 3); kind (n,): INTERIOR, CURVE or CORNER; planes (n,):
-# bit set of the planes a vertex lies on; symmetry: bits of the symmetry planes; face_plane (m,):
-# number of a face's plane or -1; plane_normals (q, 3); normals (n, 3): of the smooth faces around,
-# averaged; size (n,): edge length aimed at; changed (n,): the last sweep that changed a face of it.
+# kept curve; alive (m,) bool; points (n, 3); kind (n,): INTERIOR, CURVE, CORNER (does not move) or
+# FROZEN (nor do its faces); planes (n,): bit set of the planes a vertex lies on; symmetry: bits of
+# the symmetry planes; face_plane (m,): number of a face's plane or -1; plane_normals (q, 3);
+# normals (n, 3): of the smooth faces around, averaged; size (n,): edge length aimed at; changed
+# (n,): the last sweep that changed a face of it; merged (n,): the vertex it was merged into.
 HalfEdges = namedtuple(
     "HalfEdges",
     "faces twin out curve alive points kind planes symmetry face_plane plane_normals normals size "
-    "changed",
+    "changed merged",
 )
 Limits = namedtuple("Limits", "short_edge good_shape bad_shape ear_shape least_cosine")
 
@@ -161,7 +162,11 @@ def dot(a, b):
 @_inner
 def may_merge(mesh, h, u, v, ring_u, count_u, ring_v, count_v):
     """Whether merging u into v along half-edge h keeps topology, curves, planes and labels."""
-    if mesh.kind[u] == CORNER or (mesh.kind[u] == CURVE and not mesh.curve[h]):
+    if (
+        mesh.kind[u] >= CORNER
+        or mesh.kind[v] == FROZEN
+        or (mesh.kind[u] == CURVE and not mesh.curve[h])
+    ):
         return False
     if mesh.planes[u] & ~mesh.planes[v]:
         return False
@@ -173,12 +178,8 @@ def may_merge(mesh, h, u, v, ring_u, count_u, ring_v, count_v):
     common = 0
     for i in range(total_u):
         common += contains(near_v, total_v, near_u[i])
-    for i in range(count_u):
-        w = origin(mesh, following(ring_u[i]))
-        if w == v or mesh.twin[ring_u[i]] == -1 or contains(near_v, total_v, w):
-            continue
-        if mesh.planes[v] & mesh.planes[w] & mesh.symmetry:
-            return False  # an inner edge within a symmetry plane would meet its own image
+    if makes_chord(mesh, u, v, ring_u, count_u, near_v, total_v):
+        return False
     if common != (1 if mesh.twin[h] == -1 else 2):
         return False  # the link condition
     for side in (h, mesh.twin[h]):
@@ -190,6 +191,30 @@ def may_merge(mesh, h, u, v, ring_u, count_u, ring_v, count_v):
         if a != v and b != v and flat_in_plane(mesh, ring_u[i] // 3, v, a, b):
             return False
     return True
+
+
+@_inner
+def makes_chord(mesh, u, v, ring, count, near_v, total_v):
+    """Whether merging u, whose fan is ring[:count], into v makes an edge in a plane it must avoid.
+
+    An inner edge within a symmetry plane would meet its own image; a curve may not come to lie on
+    the line where two planes meet.
+    """
+    for i in range(count):
+        h = ring[i]
+        w = origin(mesh, following(h))
+        shared = mesh.planes[v] & mesh.planes[w]
+        if mesh.curve[h]:
+            shared &= ~mesh.planes[u]
+        else:
+            shared &= mesh.symmetry
+        if w != v and shared and not contains(near_v, total_v, w):
+            return True
+        h = preceding(h)
+        w = origin(mesh, h)
+        if mesh.twin[h] == -1 and w != v and mesh.planes[v] & mesh.planes[w] & ~mesh.planes[u]:
+            return True
+    return False
 
 
 @_inner
@@ -260,6 +285,7 @@ def try_collapse(mesh, h, u, v, limits, ring, other, sweep):
     for k in range(3):
         mesh.points[v, k] = target[k]
         mesh.normals[v, k] = normal[k]
+    mesh.merged[u] = v
     collapse(mesh, h, v, ring, count_u)
     for i in range(count):
         for k in range(3):
@@ -334,7 +360,7 @@ def try_flip(mesh, h, limits, ring, sweep):
         return False
     if before >= limits.ear_shape and (makes_ear(mesh, h, t) or makes_ear(mesh, t, h)):
         return False
-    if c == d:
+    if c == d or max(mesh.kind[a], mesh.kind[b], mesh.kind[c], mesh.kind[d]) == FROZEN:
         return False
     if mesh.planes[c] & mesh.planes[d] & mesh.symmetry:
         return False

@@ -36,12 +36,15 @@ class SmoothingSettings:
         Whether to set the volume by a uniform normal offset of the smooth part.
     target_volume : float [m^3], optional
         Volume of the modelled part to set; that before smoothing if not given.
+    check_intersections : bool
+        Whether to draw back vertices whose faces meet other faces.
     """
 
     taubin: str = "default"
     iterations: int | str = "auto"
     restore_volume: bool = True
     target_volume: float | None = None
+    check_intersections: bool = True
 
     def __post_init__(self):
         if self.taubin not in ("default", "thesis", "off"):
@@ -81,7 +84,7 @@ class SmoothingReport:
     largest_move, rms_move : float [m]
         Displacement of the vertices.
     held_back : int
-        Vertices that kept short of their smoothed position so that no face folds.
+        Vertices that kept short of their smoothed position so that no face folds or meets another.
     min_angle_before, min_angle_after : float [degrees]
         Worst angle of the triangles.
     """
@@ -149,7 +152,7 @@ def smooth(surface, settings=None, symmetry=()):
         raise InvalidCase("a target volume needs a closed surface: mend its holes, or do without")
     check = FoldCheck(surface, structure, symmetry)
     filtered, pairs = _filtered(surface, settings, structure)
-    points, held = check.retreat(surface.points, filtered)
+    points, held = check.retreat(surface.points, filtered, settings.check_intersections)
     offset = 0.0
     if closed and settings.restore_volume:
         points, held, offset = _restore(surface, points, held, check, structure, settings, symmetry)
@@ -190,7 +193,7 @@ def _restore(surface, points, held, check, structure, settings, symmetry):
     directions = follow_rims(structure, offset_directions(start, structure))
     for _ in range(RESTORE_ROUNDS):
         moved, offset = offset_to_volume(start, directions, volume, symmetry)
-        settled, stuck = check.retreat(points, moved)
+        settled, stuck = check.retreat(points, moved, settings.check_intersections)
         if not stuck.any():
             break
         directions[stuck] = 0.0

@@ -102,10 +102,13 @@ def test_random_surfaces_stay_manifold_through_repair_and_smoothing(seed, cells,
     _check_planes(mended, planes)
     whole = mirror(mended, planes)
     after = require_valid(whole)
+    assert not self_intersecting_faces(whole.points, whole.faces).any()
     for what in ("genus", "components", "euler"):
         assert getattr(before, what) == getattr(after, what)
     smoothed, _ = smooth(mended, SmoothingSettings(iterations=5, restore_volume=False), planes)
-    found = topology(*_counted(mirror(smoothed, planes)))
+    whole = mirror(smoothed, planes)
+    assert not self_intersecting_faces(whole.points, whole.faces).any()
+    found = topology(*_counted(whole))
     assert (found.manifold, found.watertight, found.euler) == (True, True, after.euler)
 
 

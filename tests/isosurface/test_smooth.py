@@ -158,6 +158,22 @@ def test_folded_faces_retreat_until_none_is_left():
     assert np.array_equal(points[~held], wild[~held]) and 0 < held.sum() < len(held)
 
 
+def test_faces_that_meet_others_retreat_too():
+    inner, outer = shapes.icosphere(2), shapes.icosphere(2, radius=1.2)
+    both = TriMesh(
+        np.concatenate([inner.points, outer.points]),
+        np.concatenate([inner.faces[:, ::-1], outer.faces + len(inner.points)]),
+    )
+    check = FoldCheck(both, surface_structure(both))
+    wild = np.array(both.points)
+    wild[: len(inner.points), 0] *= 1.3  # a cavity that grows through its wall
+    assert not check.folded(wild).any()
+    assert self_intersecting_faces(wild, both.faces).any()
+    points, held = check.retreat(both.points, wild, intersections=True)
+    assert not self_intersecting_faces(points, both.faces).any()
+    assert 0 < held.sum() < len(inner.points) + 100
+
+
 def test_vertices_beside_a_plane_stay_on_their_side():
     symmetry = (SymmetryPlane(0),)
     mesh = fields.box(6, symmetry="x")
