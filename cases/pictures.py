@@ -113,7 +113,7 @@ def draw_domain(mesh, path, tractions=None):
         Direction of each load, for an arrow.
     """
     plotter = _plotter()
-    plain = np.ones(len(mesh.facets), dtype=bool)
+    plain, seen = np.ones(len(mesh.facets), dtype=bool), [mesh.points]
     for kind, colour in (("support:", _SUPPORT), ("load:", _LOAD)):
         for name, facets in mesh.facet_sets.items():
             if name.startswith(kind) and len(facets):
@@ -122,20 +122,21 @@ def draw_domain(mesh, path, tractions=None):
                 plotter.add_mesh(patch, color=colour, lighting=False)
                 direction = (tractions or {}).get(name.removeprefix("load:"))
                 if kind == "load:" and direction is not None:
-                    _add_arrow(plotter, mesh, facets, np.asarray(direction, float))
+                    tail = _add_arrow(plotter, mesh, facets, np.asarray(direction, float))
+                    seen.append(tail[None])
     walls = _poly(mesh.points, mesh.facets[plain])
-    plotter.add_mesh(walls, color="#e4e4e4", culling="front", lighting=False)
+    plotter.add_mesh(walls, color="#f2f2f2", culling="front")
     plotter.add_mesh(_outline(mesh), color=_EDGE, line_width=2)
     planes = ", ".join(plane.name for plane in mesh.symmetry)
     words = [("blue: held", _SUPPORT), ("red: loaded", _LOAD)]
     words += [(f"mirrored at {planes}", _EDGE)] if planes else []
     for row, (text, colour) in enumerate(words):
-        plotter.add_text(text, position=(30, 940 - 45 * row), color=colour, font_size=14)
-    _shoot(plotter, mesh.points, path)
+        plotter.add_text(text, position=(1150, 940 - 45 * row), color=colour, font_size=14)
+    _shoot(plotter, np.concatenate(seen), path)
 
 
 def _add_arrow(plotter, mesh, facets, direction):
-    """An arrow that pushes on the middle of a load's facets."""
+    """An arrow that pushes on the middle of a load's facets; returns its tail (3,)."""
     import pyvista
 
     length = 0.12 * np.linalg.norm(np.ptp(mesh.points, axis=0))
@@ -144,6 +145,7 @@ def _add_arrow(plotter, mesh, facets, direction):
     tip = 0.5 * (tip.min(axis=0) + tip.max(axis=0))
     arrow = pyvista.Arrow(start=tip - length * direction, direction=direction, scale=length)
     plotter.add_mesh(arrow, color=_LOAD)
+    return tip - length * direction
 
 
 def draw_surface(surface, path, edges=False):
