@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from meshes.quality import normalised
-from remesh.adjust import free_rows, take_steps
+from remesh.adjust import free_rows, refresh_feet, take_steps
 from remesh.compiled import kernel
-from remesh.connectivity import HINT
+from remesh.connectivity import HINT, ROWS
 from remesh.embedding import triangle_normal
 from remesh.nearest import closest
 
@@ -46,6 +46,25 @@ class TriangleFidelity:
 
     def settle(self, work):
         """Nothing to do: the carrier's feet are on the triangles already."""
+
+    def on_surface(self, work, action):
+        """Run action() with the surface itself, not its smoothed copy, as the work's carrier.
+
+        Only where there are no feature curves (the two have different arc lengths).
+        """
+        carrier = work.carrier
+        if self.surface is carrier or len(carrier.curves.vertices):
+            return
+        used = int(work.counts[ROWS])
+        free = free_rows(work)
+        hints = work.links[:used, HINT].copy()
+        work.links[:used, HINT] = self.hints[hints]
+        work.carrier = self.surface
+        refresh_feet(work.links, work.rows, used, free, work.carrier.reference)
+        action()
+        work.carrier = carrier
+        work.links[:used, HINT] = hints
+        refresh_feet(work.links, work.rows, used, free, carrier.reference)
 
     def exact_normals(self, mesh, work):
         """Interpolated normals (m, 3, 3) of the carrier at the corners of the work mesh."""
@@ -102,6 +121,9 @@ class ImplicitFidelity:
             known = np.isfinite(moved).all(axis=1)
             step[rows[known]] = moved[known] - work.rows[rows[known], :3]
         take_steps(work, free, step, 0.0, (0.0, 0.0, 0.0))
+
+    def on_surface(self, work, action):
+        """Nothing to do: the carrier has the exact normals already."""
 
     def exact_normals(self, mesh, work):
         """Unit gradients (m, 3, 3) at the corners of a mesh; the carrier's where undefined."""

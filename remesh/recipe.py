@@ -2,11 +2,16 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from remesh.adjust import fit_vertices, match_volume
 from remesh.flip import DELAUNAY, flip_edges
 from remesh.optimise import optimise_vertices
 from remesh.smooth import AREA, UNIFORM
 from remesh.sweeps import FIRST_LENGTH, PliantLoop, length_for_count
+from remesh.tips import keep_tips
+
+LAST_AGREEMENT, LAST_TANGENTIAL = 0.2, 0.03
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,8 @@ class Recipe:
         Samples per triangle: order^2.
     delaunay_rounds : int
         Last rounds of the loop that flip for angles instead of valences.
+    last_step : float
+        First step of a last search by the surface's own normals; 0 for none.
     """
 
     sigma: float
@@ -57,6 +64,7 @@ class Recipe:
     ridge: float = 0.0
     order: int = 2
     delaunay_rounds: int = 2
+    last_step: float = 0.0
 
     @property
     def embedded(self):
@@ -66,6 +74,7 @@ class Recipe:
 
 def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress):
     """Take a work mesh through the loop, the fits and the searches."""
+    keep_tips(work, tip_length(work, recipe, length, vertices))
     loop = PliantLoop(
         work, recipe.sigma, (20.0, recipe.loop_least3, recipe.agreement), recipe.weights,
         recipe.short, recipe.long,
@@ -90,6 +99,8 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
         progress("optimise", 0.5)
     if settings.fit:
         fit_and_search(work, gaps, recipe, settings.optimise)
+        if recipe.last_step > 0.0 and settings.optimise:
+            adapt_to_surface(work, gaps, recipe)
         progress("fit", 1.0)
     if settings.optimise:
         improve_worst(work, recipe)
@@ -97,6 +108,13 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
     if settings.fit and volume is not None:
         match_volume(work, volume)
     return length
+
+
+def tip_length(work, recipe, length, vertices):
+    """3D length that edges will have near a tip, where the surface bends by one radian per edge."""
+    if vertices is not None:
+        length = length_for_count(work, recipe.final_sigma, vertices)
+    return length / np.sqrt(1.0 + (recipe.final_sigma / length) ** 2)
 
 
 def general_search(work, recipe, step, directions=8, passes=3):
@@ -116,6 +134,25 @@ def fit_and_search(work, gaps, recipe, search):
         fit_vertices(work, gaps, recipe.final_sigma, limits, tangential, recipe.ridge, recipe.order)
         if search and i < len(recipe.fits) - 1:
             general_search(work, recipe, 0.04, directions=6, passes=2)
+
+
+def adapt_to_surface(work, gaps, recipe):
+    """Flip and search by the surface's own normals, which a smoothed carrier lacks; fit again."""
+
+    def search():
+        limits = (20.0, recipe.loop_least3, LAST_AGREEMENT)
+        flip_edges(work, recipe.final_sigma, limits, DELAUNAY, 4)
+        optimise_vertices(
+            work, recipe.final_sigma, recipe.last_step, 2, recipe.least3, recipe.weight3,
+            LAST_AGREEMENT, directions=6,
+        )  # fmt: skip
+        flip_edges(work, recipe.final_sigma, limits, DELAUNAY, 3)
+
+    gaps.on_surface(work, search)
+    limits = (20.0, recipe.least3, recipe.agreement)
+    fit_vertices(
+        work, gaps, recipe.final_sigma, limits, LAST_TANGENTIAL, recipe.ridge, recipe.order
+    )
 
 
 def improve_worst(work, recipe, rounds=10):
@@ -152,6 +189,7 @@ def choose_recipe(settings, diagonal, jagged):
             return Recipe(
                 settings.sigma, settings.sigma, AREA, least3=12.0, weight3=1.0,
                 fits=(0.05, 0.03, 0.03), ridge=0.17,
+                last_step=0.02,
             )  # fmt: skip
         return Recipe(
             settings.sigma, settings.sigma, AREA, agreement=0.1, least3=12.0, weight3=1.0,
