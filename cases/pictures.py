@@ -125,7 +125,7 @@ def draw_domain(mesh, path, tractions=None):
                     tail = _add_arrow(plotter, mesh, facets, np.asarray(direction, float))
                     seen.append(tail[None])
     walls = _poly(mesh.points, mesh.facets[plain])
-    plotter.add_mesh(walls, color="#f2f2f2", culling="front")
+    plotter.add_mesh(walls, color="#f2f2f2", culling="front", ambient=0.6, diffuse=0.4)
     plotter.add_mesh(_outline(mesh), color=_EDGE, line_width=2)
     planes = ", ".join(plane.name for plane in mesh.symmetry)
     words = [("blue: held", _SUPPORT), ("red: loaded", _LOAD)]
