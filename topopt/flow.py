@@ -136,7 +136,7 @@ class Flow:
             return "steps"
         if loop.kkt.residual < settings.tolerance:
             return "tolerance"
-        if len(history) > STAGNATION_STEPS:
+        if settings.stagnation > 0.0 and len(history) > STAGNATION_STEPS:
             before = history[-1 - STAGNATION_STEPS].objective_J
             if before - loop.objective < settings.stagnation * abs(before):
                 return "stagnation"

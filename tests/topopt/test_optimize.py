@@ -1,7 +1,7 @@
 """The flow as a whole: laws of the interface, monotone decrease, exact volume, repeatable runs."""
 
 import logging
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import numba
 import numpy as np
@@ -14,7 +14,7 @@ from tests.topopt.test_ginzburg_landau import sine_profile
 from topopt import pdas_kernels
 from topopt.geometry import tet_geometry
 from topopt.history import read_history, write_history
-from topopt.optimize import OptimizationSettings, optimize
+from topopt.optimize import OptimizationSettings, optimize, prepare
 from topopt.parameters import measured_interface, warn_if_coarse
 
 ENDLESS = {"tolerance": 0.0, "stagnation": 0.0}
@@ -113,6 +113,19 @@ def test_fixed_step_keeps_tau_and_takes_every_step():
     result = run(4, step="fixed", tau=0.02)
     np.testing.assert_allclose(column(result, "tau"), 0.02, rtol=1e-12)
     assert np.all(column(result, "rejected") == 0) and len(result.history) == 5
+
+
+def test_a_rising_objective_does_not_end_a_run_without_stagnation():
+    """A step that is too long lets J rise; with stagnation 0 only the steps end the run."""
+    loop = run(1).loop
+    rising = tuple(replace(loop.history[0], objective_J=1.0 + k) for k in range(7))
+    mesh, problem = cantilever((6, 2, 4), 1.0)
+    flows = [
+        prepare(mesh, problem, OptimizationSettings(steps=50, solver="direct", **settings))
+        for settings in (ENDLESS, {**ENDLESS, "stagnation": 1e-4})
+    ]
+    outcomes = [flow.outcome(replace(loop, history=rising)) for flow in flows]
+    assert outcomes == [None, "stagnation"]
 
 
 def test_too_long_a_first_step_is_rejected():
