@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from isosurface.normals import averaged_normals
 from meshes.quality import area_vectors, normalised
 from meshes.self_intersection import self_intersecting_faces
 
@@ -52,9 +53,9 @@ class FoldCheck:
         """Faces (m,) bool that are folded when the vertices are at points (n, 3)."""
         area = area_vectors(points, self._faces)
         along = np.einsum("ij,ij->i", area, self._reference)
-        planar_limit = LEAST_SHAPE * _longest_squared(points, self._faces)
-        smooth_limit = LEAST_COSINE * np.linalg.norm(area, axis=1)
-        bad = along <= np.where(self._smooth, smooth_limit, planar_limit)
+        limit = LEAST_COSINE * np.linalg.norm(area, axis=1)
+        limit[~self._smooth] = LEAST_SHAPE * _longest_squared(points, self._faces[~self._smooth])
+        bad = along <= limit
         kept = self._distances(points, self._beside) / self._before
         crossed = np.zeros(len(points), dtype=bool)
         crossed[self._beside[0][kept < LEAST_DISTANCE]] = True
@@ -97,14 +98,7 @@ class FoldCheck:
 def _reference_normals(surface, structure):
     """Unit normals (m, 3) that faces should roughly have."""
     faces = surface.faces
-    area = area_vectors(surface.points, faces)
-    normals = np.zeros(surface.points.shape)
-    for corner in range(3):
-        np.add.at(normals, faces[structure.smooth_faces, corner], area[structure.smooth_faces])
-    normals = normalised(normals)
-    average = structure.average
-    for _ in range(2):
-        normals = normalised(normals + average @ normals)
+    normals = averaged_normals(surface, structure)
     reference = normalised(normals[faces].sum(axis=1))
     for label, patch in enumerate(surface.labels):
         if patch.plane is not None:

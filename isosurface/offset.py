@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from isosurface.normals import smooth_area_vectors
+from isosurface.volume_kernels import volume_coefficients
 from meshes import NotConverged
-from meshes.quality import area_vectors, face_areas, normalised
+from meshes.quality import face_areas, normalised
 
 # Where a curve's plane meets the surface at a small angle, a vertex would have to run far within
 # the plane to follow the offset: the square of that slope is bounded.
@@ -18,7 +20,9 @@ def modelled_volume(surface, symmetry=()):
     surface : TriMesh
     symmetry : sequence of SymmetryPlane
     """
-    return _volume(surface.points, surface.faces, _origin(surface.points, symmetry))
+    points = surface.points
+    still = np.zeros(points.shape)
+    return float(_polynomial(points, still, surface.faces, _origin(points, symmetry))[0])
 
 
 def _origin(points, symmetry):
@@ -29,10 +33,11 @@ def _origin(points, symmetry):
     return origin
 
 
-def _volume(points, faces, origin):
-    """Sum of the tetrahedra between the faces and the origin."""
-    a, b, c = (points[faces[:, k]] - origin for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+def _polynomial(points, directions, faces, origin):
+    """Volume as a cubic polynomial (4,) of the offset, exactly."""
+    coefficients = np.empty(4)
+    volume_coefficients(points, directions, faces, origin, coefficients)
+    return coefficients
 
 
 def offset_directions(surface, structure):
@@ -41,27 +46,10 @@ def offset_directions(surface, structure):
     Vertices of curves and symmetry planes move within their planes, so far that their smooth faces
     are offset by 1 too; corners, and vertices inside planar labels, do not move.
     """
-    area = area_vectors(surface.points, surface.faces)
-    normals = np.zeros(surface.points.shape)
-    for corner in range(3):
-        vertices = surface.faces[structure.smooth_faces, corner]
-        np.add.at(normals, vertices, area[structure.smooth_faces])
-    constraints = structure.constraints
-    on_symmetry = structure.on_symmetry.any(axis=1)
-    normals[on_symmetry] = _without_symmetry(normals, structure)[on_symmetry]
-    normals = normalised(normals)
-    allowed = constraints.apply(normals.copy())
+    normals = normalised(smooth_area_vectors(surface, structure))
+    allowed = structure.constraints.apply(normals.copy())
     slope = np.einsum("ij,ij->i", allowed, allowed)
     return allowed / np.maximum(slope, LEAST_SLOPE_SQUARED)[:, None]
-
-
-def _without_symmetry(vectors, structure):
-    """Vectors (n, 3) with the components that their mirror images cancel set to zero."""
-    result = vectors.copy()
-    count = structure.on_symmetry.shape[1]
-    for k, normal in enumerate(structure.normals[len(structure.normals) - count :]):
-        result[structure.on_symmetry[:, k], np.argmax(np.abs(normal))] = 0.0
-    return result
 
 
 def offset_to_volume(surface, directions, volume, symmetry=(), tolerance=1e-12):
@@ -89,16 +77,15 @@ def offset_to_volume(surface, directions, volume, symmetry=(), tolerance=1e-12):
         If the offset would exceed a mean edge length, or does not settle.
     """
     points, faces = surface.points, surface.faces
-    origin = _origin(points, symmetry)
+    cubic = _polynomial(points, directions, faces, _origin(points, symmetry))
     limit = np.sqrt(4.0 / np.sqrt(3.0) * face_areas(points, faces).mean())
     offset, history = 0.0, []
     for _ in range(50):
-        moved = points + offset * directions
-        miss = volume - _volume(moved, faces, origin)
+        miss = volume - np.polynomial.polynomial.polyval(offset, cubic)
         history.append(miss / volume)
         if abs(miss) <= tolerance * abs(volume):
-            return moved, offset
-        gain = np.einsum("ij,ij->", area_vectors(moved, faces), directions[faces].mean(axis=1))
+            return points + offset * directions, offset
+        gain = cubic[1] + offset * (2.0 * cubic[2] + 3.0 * offset * cubic[3])
         if gain <= 0.0 or abs(offset + miss / gain) > limit:
             break
         offset += miss / gain

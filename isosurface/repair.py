@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from isosurface.normals import averaged_normals, worst_angle
 from isosurface.sliver_kernels import (
     CORNER,
     CURVE,
@@ -22,7 +23,6 @@ from isosurface.sliver_kernels import (
 from isosurface.structure import surface_structure
 from meshes import InvalidMesh, TriMesh
 from meshes.curves import feature_mask, label_boundaries
-from meshes.quality import area_vectors, normalised, triangle_angles
 from meshes.self_intersection import self_intersecting_faces
 
 RAMP = 4  # sweeps in which the length below which edges are collapsed grows
@@ -115,7 +115,7 @@ def repair_slivers(surface, symmetry=(), settings=None):
             break
         frozen = _dilated(frozen | bad, structure.table.edges)
     repaired = _compact(surface, mesh)
-    return repaired, RepairReport(collapses, flips, _worst(surface), _worst(repaired))
+    return repaired, RepairReport(collapses, flips, worst_angle(surface), worst_angle(repaired))
 
 
 def _sweep(mesh, settings):
@@ -181,7 +181,7 @@ def half_edges(surface, structure):
         symmetry=((1 << symmetry_count) - 1) << len(planar),
         face_plane=plane_of_label[surface.face_labels],
         plane_normals=structure.normals,
-        normals=smooth_normals(surface, structure),
+        normals=averaged_normals(surface, structure),
         size=_sizes(surface, structure),
         changed=np.zeros(len(surface.points), dtype=np.int64),
         merged=np.arange(len(surface.points)),
@@ -205,20 +205,6 @@ def _kinds(curve_edges, on_symmetry):
     degree = np.bincount(curve_edges.ravel(), minlength=len(on_symmetry))
     corner = (degree != 2) | (on_symmetry.sum(axis=1) > 1)
     return np.where(degree == 0, INTERIOR, np.where(corner, CORNER, CURVE))
-
-
-def smooth_normals(surface, structure, rounds=2):
-    """Vertex normals (n, 3) of the smooth faces, averaged with those of the neighbours."""
-    faces = surface.faces[structure.smooth_faces]
-    area = area_vectors(surface.points, faces)
-    normals = np.zeros(surface.points.shape)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], area)
-    normals = normalised(normals)
-    average = structure.average
-    for _ in range(rounds):
-        normals = normalised(normals + average @ normals)
-    return normals
 
 
 def _sizes(surface, structure, rounds=5):
@@ -247,8 +233,3 @@ def _compact(surface, mesh):
     edges = np.concatenate([edges, label_boundaries(repaired)])
     edges = np.unique(np.sort(edges, axis=1), axis=0)
     return TriMesh(repaired.points, faces, labels, surface.labels, edges)
-
-
-def _worst(surface):
-    """Smallest angle [degrees] of all triangles."""
-    return float(np.degrees(triangle_angles(surface.points, surface.faces).min(initial=np.pi)))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from isosurface.folds import FoldCheck
+from isosurface.normals import worst_angle
 from isosurface.offset import modelled_volume, offset_directions, offset_to_volume
 from isosurface.structure import surface_structure
 from isosurface.taubin import (
@@ -16,7 +17,6 @@ from isosurface.taubin import (
     taubin_filter,
 )
 from meshes import InvalidCase
-from meshes.quality import triangle_angles
 
 RESTORE_ROUNDS = 8
 
@@ -157,10 +157,8 @@ def smooth(surface, settings=None, symmetry=()):
     if closed and settings.restore_volume:
         points, held, offset = _restore(surface, points, held, check, structure, settings, symmetry)
     smoothed = surface.with_points(points)
-    volumes = [None] * 3
-    if closed:
-        meshes = (surface, surface.with_points(filtered), smoothed)
-        volumes = [modelled_volume(mesh, symmetry) for mesh in meshes]
+    stages = (surface, surface.with_points(filtered), smoothed)
+    volumes = [modelled_volume(mesh, symmetry) if closed else None for mesh in stages]
     move = np.linalg.norm(points - surface.points, axis=1)
     return smoothed, SmoothingReport(
         pairs=pairs,
@@ -172,8 +170,8 @@ def smooth(surface, settings=None, symmetry=()):
         largest_move=float(move.max(initial=0.0)),
         rms_move=float(np.sqrt(np.mean(move**2))) if len(move) else 0.0,
         held_back=int(held.sum()),
-        min_angle_before=_worst_angle(surface),
-        min_angle_after=_worst_angle(smoothed),
+        min_angle_before=worst_angle(surface),
+        min_angle_after=worst_angle(smoothed),
     )
 
 
@@ -199,8 +197,3 @@ def _restore(surface, points, held, check, structure, settings, symmetry):
         directions[stuck] = 0.0
         held = held | stuck
     return settled, held, offset
-
-
-def _worst_angle(surface):
-    """Smallest angle [degrees] of all triangles."""
-    return float(np.degrees(triangle_angles(surface.points, surface.faces).min(initial=np.pi)))
