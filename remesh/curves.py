@@ -14,6 +14,8 @@ beside : (k, 2) int64
     Carrier triangles left and right of the segment that starts at the node, -1 for none.
 closed : (c,) int64
     1 where the last node is the first one again and no corner lies on the curve.
+fixed : (c,) int64
+    1 where the curve keeps its edges as they are.
 """
 
 import math
@@ -80,8 +82,16 @@ def find_curves(mesh, normals, twins, crease, angle=45.0):
         np.concatenate(nodes) if nodes else np.zeros((0, 10)),
         (np.concatenate(beside) if beside else np.zeros((0, 2))).astype(np.int64),
         np.array(closed, np.int64),
+        np.zeros(len(paths), np.int64),
     )
     return Curves(arrays, tuple(np.array(p) for p in paths), corners)
+
+
+def with_fixed_boundary(curves):
+    """The arrays of curves (a tuple) with open boundaries marked as fixed."""
+    starts, nodes, beside, closed, _ = curves
+    fixed = (beside[starts[:-1]].min(axis=1) < 0).astype(np.int64)
+    return starts, nodes, beside, closed, fixed
 
 
 def _half_edge_lookup(faces, crease):
@@ -182,7 +192,7 @@ def span(halves, links, rows, curves, h):
 @kernel
 def curve_point(curves, curve, s, out):
     """Write position, left and right normal (9,) at parameter s; return s in range, the node."""
-    starts, nodes, _, closed = curves
+    starts, nodes, _, closed, _ = curves
     low, high = starts[curve], starts[curve + 1] - 1
     length = nodes[high, 3]
     if closed[curve] == 1:

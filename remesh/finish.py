@@ -6,10 +6,12 @@ from meshes.quality import face_normals
 from meshes.self_intersection import self_intersecting_faces
 from remesh.adjust import free_rows, take_steps
 from remesh.connectivity import BASE, OFFSET, ROWS
+from remesh.flip import DELAUNAY, flip_edges
 from remesh.smooth import UNIFORM, smooth_vertices
 
 INVERTED = 0.0
-REPAIR_ROUNDS = 6
+REPAIR_ROUNDS = 4
+REPAIR_LIMITS = (0.0, 8.0, 0.3)
 
 
 def finished_mesh(work, source):
@@ -50,38 +52,43 @@ def inverted_faces(mesh, work, gaps):
     return cosine.min(axis=1) <= INVERTED
 
 
-def separate(work, limits):
-    """Undo moves around self-intersections until there are none; return how many faces are left.
+def repair(work, gaps):
+    """Undo moves around intersecting and inverted triangles until there are none.
 
-    The vertices of intersecting triangles, and in each round one more ring around them, go back
-    to the carrier they were offset from, and are smoothed on it.
+    In each round the vertices of such triangles, and one more ring around them than before, go
+    back to the carrier they were offset from, and are smoothed and flipped on it.
 
     Parameters
     ----------
     work : WorkMesh
-        Compacted here.
-    limits : (angle6, angle3, agreement)
+        Compact.
+    gaps : TriangleFidelity or ImplicitFidelity
+        Knows the exact normals.
+
+    Returns
+    -------
+    intersecting, inverted : int
+        Faces that are left so.
+    rounds : int
+        How often vertices were moved.
     """
-    work.compact()
-    bad = intersecting(work)
-    for rings in range(REPAIR_ROUNDS):
-        if not bad.any():
+    for rings in range(REPAIR_ROUNDS + 1):
+        mesh, _ = work.to_mesh()
+        crossing = self_intersecting_faces(mesh.points, mesh.faces)
+        inverted = inverted_faces(mesh, work, gaps)
+        bad = crossing | inverted
+        if not bad.any() or rings == REPAIR_ROUNDS:
             break
         chosen = rows_around(work, bad, rings)
         free = free_rows(work) & chosen
         step = -work.rows[: len(free), OFFSET, None] * work.rows[: len(free), 3:6]
-        take_steps(work, free, step, 0.0, limits)
+        take_steps(work, free, step, 0.0, REPAIR_LIMITS)
         padded = np.zeros(len(work.links), bool)
         padded[: len(chosen)] = chosen
-        smooth_vertices(work, 0.0, limits, UNIFORM, 0.5, chosen=padded)
-        bad = intersecting(work)
-    return int(bad.sum())
-
-
-def intersecting(work):
-    """Self-intersecting faces (m,) bool of a compact work mesh."""
-    mesh, _ = work.to_mesh()
-    return self_intersecting_faces(mesh.points, mesh.faces)
+        flip_edges(work, 0.0, REPAIR_LIMITS, DELAUNAY, 3, chosen=padded)
+        for _ in range(2):
+            smooth_vertices(work, 0.0, REPAIR_LIMITS, UNIFORM, 0.5, chosen=padded)
+    return int(crossing.sum()), int(inverted.sum()), rings
 
 
 def rows_around(work, faces, rings):

@@ -31,7 +31,7 @@ VALENCE, DELAUNAY, THESIS = 0, 1, 2
 LEAST_GAIN = 1e-8  # of the tangent of the least angle, for a flip
 
 
-def flip_edges(work, sigma, limits, rule=DELAUNAY, passes=5, ridge_angle=60.0):
+def flip_edges(work, sigma, limits, rule=DELAUNAY, passes=5, ridge_angle=60.0, chosen=None):
     """Flip edges in index order until no flip is left, at most `passes` times; return how many.
 
     Parameters
@@ -46,9 +46,11 @@ def flip_edges(work, sigma, limits, rule=DELAUNAY, passes=5, ridge_angle=60.0):
         pi or more and the triangles' normals differ by less than `ridge_angle` [degrees].
     passes : int
     ridge_angle : float [degrees]
+    chosen : (n,) bool array, optional
+        Rows near which to look at first; all if not given.
     """
     limits = as_tangents(limits)
-    work.links[:, DIRTY] = 1
+    work.links[:, DIRTY] = 1 if chosen is None else chosen
     total = 0
     for _ in range(passes):
         done = sweep_flips(

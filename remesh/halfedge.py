@@ -28,6 +28,7 @@ from remesh.connectivity import (
     TWIN,
     VERTICES,
 )
+from remesh.curves import with_fixed_boundary
 
 
 class WorkMesh:
@@ -39,10 +40,15 @@ class WorkMesh:
         The work mesh starts as the carrier's own triangulation.
     capacity : int, optional
         Vertices to make room for at first; the arrays grow when a sweep asks for more.
+    fix_boundary : bool
+        Keep the edges and vertices of open boundaries as they are.
     """
 
-    def __init__(self, carrier, capacity=0):
+    def __init__(self, carrier, capacity=0, fix_boundary=False):
         self.carrier = carrier
+        self.curves = carrier.curves.arrays
+        if fix_boundary:
+            self.curves = with_fixed_boundary(self.curves)
         mesh = carrier.mesh
         group, rows_of = _rows_by_corner(mesh, carrier.crease)
         count, vertices, triangles = len(rows_of), len(mesh.points), len(mesh.faces)
@@ -127,6 +133,8 @@ class WorkMesh:
             self.rows[path[:-1], PARAMETER] = nodes[starts[i] : starts[i + 1] - 1, 3]
             for a, b in zip(path[:-1].tolist(), path[1:].tolist()):
                 codes[a, b], codes[b, a] = 2 * i, 2 * i + 1
+        for i in np.flatnonzero(self.curves[4]):
+            self.links[curves.vertices[i], KIND] = CORNER
         self.links[curves.corners, KIND] = CORNER
         flat = mesh.faces.ravel()
         for h in np.flatnonzero(self.carrier.crease):

@@ -57,7 +57,7 @@ def optimise_vertices(
     settings = np.array([sigma**2, power, least_angle3, weight3, least_agreement], float)
     return sweep_search(
         work.halves, work.links, work.rows, work.counts, settings, step, only_below, directions,
-        work.carrier.reference, work.carrier.curves.arrays,
+        work.carrier.reference, work.curves,
     )  # fmt: skip
 
 

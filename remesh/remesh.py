@@ -7,9 +7,10 @@ import numpy as np
 from meshes import InvalidMesh, TriMesh
 from meshes.quality import signed_volume
 from meshes.topology import topology
+from remesh.adjust import match_volume
 from remesh.carrier import compacted, with_all_features
 from remesh.fidelity import ImplicitFidelity, TriangleFidelity
-from remesh.finish import finished_mesh, inverted_faces, separate
+from remesh.finish import finished_mesh, repair
 from remesh.halfedge import WorkMesh
 from remesh.prepare import implicit_carrier, smoothed_carrier, surfaces_by_label
 from remesh.recipe import choose_recipe, first_length, run_recipe
@@ -19,7 +20,6 @@ from remesh.triangle_surface import TriangleSurface
 
 SLIVER_FRACTION = {True: 0.35, False: 0.5}  # of the mean edge, by whether sigma > 0
 NORMAL_BLEND = {True: 0.4, False: 0.5}
-REPAIR_LIMITS = (0.0, 8.0, 0.1)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
         carrier = implicit_carrier(mesh, by_label, settings.corner_angle)
         gaps = ImplicitFidelity(by_label)
     progress("carrier", 1.0)
-    work = WorkMesh(carrier, settings.vertices or 0)
+    work = WorkMesh(carrier, settings.vertices or 0, settings.fix_boundary)
     if settings.algorithm == "thesis":
         length = run_thesis(work, gaps, settings, rng, progress)
     else:
@@ -160,10 +160,14 @@ def triangle_start(surface, settings):
 
 def conclude(mesh, work, gaps, settings, length, progress):
     """The result and its statistics, checked against the exact normals."""
-    intersecting = separate(work, REPAIR_LIMITS)
+    work.compact()
+    intersecting, inverted, rounds = repair(work, gaps)
+    closed = topology(mesh.faces, len(mesh.points)).watertight
+    if rounds > 0 and closed and settings.fit and settings.algorithm == "pliant":
+        match_volume(work, signed_volume(mesh))
     result = finished_mesh(work, mesh)
     drift = None
-    if topology(mesh.faces, len(mesh.points)).watertight:
+    if closed:
         volume = signed_volume(mesh)
         drift = signed_volume(result) / volume - 1.0 if volume != 0.0 else None
     statistics = RemeshStatistics(
@@ -174,7 +178,7 @@ def conclude(mesh, work, gaps, settings, length, progress):
         sigma=settings.sigma,
         volume_drift=drift,
         self_intersecting_faces=intersecting,
-        inverted_faces=int(inverted_faces(result, work, gaps).sum()),
+        inverted_faces=inverted,
     )
     progress("finished", 1.0)
     return RemeshResult(result, statistics)

@@ -61,7 +61,7 @@ def smooth_vertices(
     return sweep_smoothing(
         work.halves, work.links, work.rows, work.counts, sigma**2, as_tangents(limits),
         weights, factor, target, clip, chosen, work.carrier.reference,
-        work.carrier.curves.arrays,
+        work.curves,
     )  # fmt: skip
 
 

@@ -48,13 +48,12 @@ def split_long_edges(work, longest, sigma, least_agreement, at_most=None):
         Stop after so many.
     """
     at_most = np.iinfo(np.int64).max if at_most is None else at_most
-    curves = work.carrier.curves.arrays
     total = 0
     while total < at_most:
         work.reserve(max(64, work.vertices // 4))
         done, full = sweep_splits(
             work.halves, work.links, work.rows, work.labels, work.counts, sigma**2, longest**2,
-            least_agreement, at_most - total, work.carrier.reference, curves,
+            least_agreement, at_most - total, work.carrier.reference, work.curves,
         )  # fmt: skip
         total += done
         if not full:
@@ -63,10 +62,13 @@ def split_long_edges(work, longest, sigma, least_agreement, at_most=None):
 
 
 @kernel
-def longest_edge(halves, rows, t, sigma2):
-    """The half-edge of triangle t with the longest edge, and its 6D length^2."""
+def longest_edge(halves, rows, t, sigma2, fixed):
+    """The half-edge of triangle t with the longest edge that is not fixed, and its 6D length^2."""
     longest, length2 = 3 * t, -1.0
     for k in range(3):
+        code = halves[3 * t + k, CREASE]
+        if code >= 0 and fixed[code >> 1] == 1:
+            continue
         square = squared_edge(rows, halves, 3 * t + k, sigma2)
         if square > length2:
             longest, length2 = 3 * t + k, square
@@ -157,7 +159,7 @@ def sweep_splits(
     for t in range(counts[TRIANGLES]):
         if halves[3 * t, ORIGIN] < 0 or done >= at_most:
             continue
-        h, length2 = longest_edge(halves, rows, t, sigma2)
+        h, length2 = longest_edge(halves, rows, t, sigma2, curves[4])
         if length2 <= longest2:
             continue
         if not room(halves, links, counts, 2, 2):

@@ -10,7 +10,7 @@ from meshes.self_intersection import self_intersecting_faces
 from meshes.topology import feature_corners, topology
 from remesh import RemeshSettings, TriangleSurface, remesh
 from remesh.embedding import corner_edge_lengths, face_corner_embedding, smallest_angles
-from tests.remesh.shapes import cut_sphere, cylinder, hemisphere, jittered, rotation
+from tests.remesh.shapes import cut_sphere, cylinder, hemisphere, jittered, revolved, rotation
 from tests.shapes import SphereSurface, TorusSurface, cube, icosphere, torus
 
 
@@ -143,6 +143,27 @@ def test_open_boundary_stays_where_it_is():
     for point in rim:
         s = np.clip(np.einsum("ij,ij->i", point - a, b - a) / ((b - a) ** 2).sum(axis=1), 0, 1)
         assert np.linalg.norm(a + s[:, None] * (b - a) - point, axis=1).min() < 1e-12
+
+
+def test_fixed_boundary_is_kept_bit_by_bit():
+    mesh = hemisphere(3)
+    settings = RemeshSettings(vertices=600, fix_boundary=True)
+    result = remesh(mesh, settings=settings).mesh
+    check(result, loops=1, worst=8.0, mean=42.0)
+    before = TriangleSurface(mesh).carrier.mesh
+    kept = {frozenset(map(tuple, before.points[edge])) for edge in before.feature_edges}
+    found = {frozenset(map(tuple, result.points[edge])) for edge in result.feature_edges}
+    assert kept == found
+
+
+def test_tips_are_not_cut_off():
+    """A cone's tip is finer than the triangles asked for, and stays."""
+    height = 3.0
+    z = np.linspace(0.0, 1.0, 30)[1:-1]
+    mesh = find_features(revolved([(0, 0), (1, 0), *((1 - s, height * s) for s in z), (0, height)]))
+    result = remesh(mesh, settings=RemeshSettings(vertices=200)).mesh
+    check(result, worst=10.0, mean=42.0)
+    assert result.points[:, 2].max() == height
 
 
 def test_powers_of_two_change_nothing_but_the_scale():
