@@ -15,11 +15,10 @@ from isosurface.clipping_tables import (
     TET_TRIANGLES,
 )
 from isosurface.crossing import crossing_parameter
+from isosurface.structure import ISOSURFACE
 from isosurface.symmetry import snapped_to_symmetry
-from meshes import InvalidMesh, Patch, TriMesh
+from meshes import InvalidMesh, TriMesh
 from meshes.curves import label_boundaries
-
-ISOSURFACE = Patch("isosurface")
 
 
 def extract_surface(field, level=0.5, crossing="linear", clearance=0.01):

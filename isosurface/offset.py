@@ -44,10 +44,12 @@ def offset_directions(surface, structure):
     """Displacements (n, 3) that offset the smooth faces by 1 along their normals.
 
     Vertices of curves and symmetry planes move within their planes, so far that their smooth faces
-    are offset by 1 too; corners, and vertices inside planar labels, do not move.
+    are offset by 1 too; corners, vertices inside planar labels and those on curved pieces of the
+    domain's boundary do not move.
     """
     normals = normalised(smooth_area_vectors(surface, structure))
     allowed = structure.constraints.apply(normals.copy())
+    allowed[structure.on_domain] = 0.0
     slope = np.einsum("ij,ij->i", allowed, allowed)
     return allowed / np.maximum(slope, LEAST_SLOPE_SQUARED)[:, None]
 

@@ -11,8 +11,12 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from isosurface.symmetry import on_symmetry_planes
+from meshes import Patch
 from meshes.curves import feature_mask
 from meshes.edges import EdgeTable, edge_table
+
+# The label of the faces inside the domain; all other labels are pieces of its boundary.
+ISOSURFACE = Patch("isosurface")
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +39,9 @@ class Structure:
         Faces whose label has no plane.
     within_plane : (n,) bool array
         Vertices inside planar labels, off their curves.
+    on_domain : (n,) bool array
+        Vertices of smooth labels other than the isosurface, where there is one: curved pieces of
+        the domain's boundary, which are given and not to be smoothed.
     normals : (q, 3) float array
         Normals of the planar labels, then of the symmetry planes.
     on_plane : (n, q) bool array
@@ -49,6 +56,7 @@ class Structure:
     multiplicity: np.ndarray
     smooth_faces: np.ndarray
     within_plane: np.ndarray
+    on_domain: np.ndarray
     normals: np.ndarray
     on_plane: np.ndarray
 
@@ -100,6 +108,7 @@ def surface_structure(surface, symmetry=()):
         multiplicity=multiplicity,
         smooth_faces=~np.isin(surface.face_labels, planar),
         within_plane=on_plane[:, : len(planar)].any(axis=1) & (degree == 0),
+        on_domain=_on_domain(surface),
         normals=np.array(normals, dtype=float).reshape(-1, 3),
         on_plane=on_plane,
     )
@@ -109,6 +118,16 @@ def directed_edges(table):
     """Both directions of every edge: first and second vertices (2 e,)."""
     a, b = table.edges.T
     return np.concatenate([a, b]), np.concatenate([b, a])
+
+
+def _on_domain(surface):
+    """Vertices (n,) bool of smooth labels beside the isosurface."""
+    names = [patch.name for patch in surface.labels]
+    given = [k for k, patch in enumerate(surface.labels) if patch.plane is None]
+    given = [k for k in given if names[k] != ISOSURFACE.name] if ISOSURFACE.name in names else []
+    found = np.zeros(len(surface.points), dtype=bool)
+    found[surface.faces[np.isin(surface.face_labels, given)]] = True
+    return found
 
 
 class Constraints:

@@ -53,7 +53,8 @@ def taubin_filter(surface, factors, pairs, symmetry=(), structure=None):
     -----
     Vertices of symmetry planes stay in them; vertices of curves are filtered along their curve
     alone, between its two neighbours, and so stay in the planes beside it; corners do not move.
-    Vertices inside planar labels have no noise to lose: they follow their rim.
+    Vertices inside planar labels have no noise to lose: they follow their rim. Those inside curved
+    pieces of the domain's boundary stay.
     """
     structure = surface_structure(surface, symmetry) if structure is None else structure
     points = _filtered(np.array(surface.points), structure, factors, pairs)
@@ -97,7 +98,7 @@ def _filtered(points, structure, factors, pairs):
     """Take pairs of Taubin steps with points (n, 3), in place."""
     average, constraints = structure.average, structure.constraints
     weight = np.where(structure.on_curve, CURVE_WEIGHT, 1.0)[:, None]
-    weight[structure.within_plane] = 0.0
+    weight[structure.within_plane | (structure.on_domain & ~structure.on_curve)] = 0.0
     for _ in range(pairs):
         for factor in factors:
             points += constraints.apply(factor * weight * (average @ points - points))

@@ -14,7 +14,7 @@ from isosurface import (
 from isosurface.folds import FoldCheck
 from isosurface.offset import offset_directions, offset_to_volume
 from isosurface.structure import surface_structure
-from meshes import InvalidCase, NotConverged, SymmetryPlane, TriMesh
+from meshes import InvalidCase, NotConverged, Patch, SymmetryPlane, TetMesh, TriMesh
 from meshes.quality import face_areas, face_normals, signed_volume
 from meshes.self_intersection import self_intersecting_faces
 from meshes.topology import require_valid
@@ -126,6 +126,21 @@ def test_the_offset_moves_smooth_faces_by_one_and_caps_in_their_plane():
     area = face_areas(surface.points, surface.faces)[structure.smooth_faces].sum()
     assert offset == pytest.approx(0.01 * signed_volume(surface) / area, rel=0.05)
     assert signed_volume(surface.with_points(points)) > signed_volume(surface)
+
+
+def test_curved_pieces_of_the_domain_stay():
+    mesh = fields.box(8)
+    curved = tuple(Patch(patch.name) for patch in mesh.patches)
+    mesh = TetMesh(mesh.points, mesh.tets, mesh.facets, mesh.facet_patch, curved)
+    surface, _ = repair_slivers(extract_surface(fields.sphere_field(mesh, (1.0, 1.0, 1.0), 0.7)))
+    smoothed, _ = smooth(surface)
+    moved = np.any(smoothed.points != surface.points, axis=1)
+    structure = surface_structure(surface)
+    wall = np.zeros(len(moved), dtype=bool)
+    wall[surface.faces[surface.face_labels > 0]] = True
+    assert not moved[wall & ~structure.on_curve].any()
+    assert moved[~wall].all() and moved[structure.on_curve].any()
+    require_valid(smoothed)
 
 
 def test_an_unreachable_volume_is_refused():
