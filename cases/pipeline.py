@@ -13,6 +13,7 @@ from pathlib import Path
 
 from cases import report
 from cases.cli import Terminated, set_threads
+from cases.compile_ahead import CompileAhead
 from cases.design_stages import MeshStage, TopoptStage
 from cases.load import load_case
 from cases.manifest import Manifest
@@ -84,13 +85,14 @@ def run_pipeline(path, shown, options):
         contextlib.closing(reporter),
         RunLog(folder / "run.log", reporter, append=options.first != STAGES[0]) as log,
         MemorySampler() as memory,
+        contextlib.closing(CompileAhead(loaded.case.mesh.kind, options.last, threads)) as ahead,
     ):
         manifest = Manifest(folder / "manifest.json", facts, earlier)
         manifest.data["warnings"] = log.warnings
         with _outcome(manifest):
             if units_warning(problem):
                 LOG.warning("%s", units_warning(problem))
-            _run_stages(run, options, manifest, memory)
+            _run_stages(run, options, manifest, memory, ahead)
             summary = _finish(run, options, manifest, memory)
     if not options.quiet:
         print(summary)
@@ -121,10 +123,13 @@ def _outcome(manifest):
         raise
 
 
-def _run_stages(run, options, manifest, memory):
+def _run_stages(run, options, manifest, memory, ahead):
     """Load the stages before --from, run the others up to --stop-after."""
     for name in STAGES[: STAGES.index(options.last) + 1]:
         stage = _STAGES[name]
+        if name == "isosurface" and ahead.running:
+            LOG.info("waiting for the kernels of the later stages, which the first run compiles")
+            ahead.wait()
         if STAGES.index(name) < STAGES.index(options.first):
             stage.load(run)
         else:
