@@ -1,6 +1,6 @@
 """The thesis's figures 2.4-2.6, 3.1, 3.3 and 3.5, made by rbf/.
 
-PYTHONPATH=. python docs/parts/rbf_figures.py [--mesh FILE] [--out docs/images]
+PYTHONPATH=. python docs/rbf_figures.py [--mesh FILE] [--out docs/images]
 """
 
 import argparse
@@ -13,7 +13,7 @@ import numpy as np
 from meshes import TriMesh
 from rbf import KERNELS, fit_global, fit_surface, fit_values
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 SPOT = ROOT.parent / "shared" / "data" / "spot.ply"
 SITES = np.stack([np.arange(5.0), np.zeros(5), np.zeros(5)], axis=1)
 HEIGHTS = np.array([1.0, 2, 1, 2, 1])
