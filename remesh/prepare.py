@@ -1,16 +1,17 @@
 """From the input and its surfaces to the carrier that vertices move on."""
 
 import numpy as np
+from scipy.sparse import coo_matrix
 
 from meshes import PlaneSurface
 from meshes.quality import corner_normals, normalised
 from meshes.topology import edge_table, feature_mask
 from remesh.carrier import make_carrier
 from remesh.collapse import collapse_short_edges
-from remesh.connectivity import HINT, INTERIOR, KIND
+from remesh.connectivity import HINT, INTERIOR, KIND, OFFSET, ORIGIN, ROWS
 from remesh.flip import DELAUNAY, flip_edges
 from remesh.halfedge import WorkMesh
-from remesh.triangle_surface import smoothed_corner_normals
+from remesh.triangle_surface import averaged, sectors
 
 TAUBIN_LAMBDA, TAUBIN_MU = 0.4, -0.42
 GUARD_AGREEMENT = 0.3
@@ -87,13 +88,14 @@ def smoothed_carrier(surface, pairs, fraction, blend, corner_angle):
         For each of its triangles one of the surface nearby.
     """
     source = surface.carrier.mesh
-    guarded = make_carrier(
-        source, smoothed_corner_normals(source, NORMAL_ROUNDS + GUARD_ROUNDS), corner_angle
-    )
+    group, count = sectors(source)
+    averages = averaged(surface.carrier.normals, group, count, NORMAL_ROUNDS)
+    guarded = make_carrier(source, averaged(averages, group, count, GUARD_ROUNDS), corner_angle)
     work = WorkMesh(guarded)
-    lengths = np.linalg.norm(source.points[source.faces[:, 0]] - source.points[source.faces[:, 1]],
-                             axis=1)  # fmt: skip
-    mean = lengths.mean()
+    of_row = np.empty((int(work.counts[ROWS]), 3))
+    of_row[work.halves[: source.faces.size, ORIGIN]] = averages.reshape(-1, 3)
+    work.rows[: len(of_row), OFFSET] = np.arange(len(of_row))  # which row it was, from here on
+    mean = input_edge_length(source)
     limits = (0.0, 0.0, GUARD_AGREEMENT)
     for _ in range(2):
         collapse_short_edges(work, fraction * mean, 3.0 * mean, 0.0, limits)
@@ -104,27 +106,14 @@ def smoothed_carrier(surface, pairs, fraction, blend, corner_angle):
     face_hints = work.links[corners[:, 0], HINT]
     free = work.links[bases, KIND] == INTERIOR
     smooth = mesh.with_points(taubin(mesh, pairs, free))
-    normals = blended_normals(smooth, surface, work, corners, blend)
-    return make_carrier(smooth, normals, corner_angle), face_hints
-
-
-def blended_normals(mesh, surface, work, corners, blend):
-    """Corner normals (m, 3, 3): the mesh's own, mixed with the surface's at the same vertices."""
-    own = smoothed_corner_normals(mesh, 0)
-    own_source = smoothed_corner_normals(surface.carrier.mesh, NORMAL_ROUNDS)
-    hints = work.links[corners, HINT]
-    source_faces = surface.carrier.mesh.faces[hints]
-    positions = work.rows[corners, :3]
-    at = surface.carrier.mesh.points[source_faces]
-    nearest = np.linalg.norm(at - positions[:, :, None, :], axis=3).argmin(axis=2)
-    source = np.take_along_axis(own_source[hints], nearest[..., None, None], axis=2)[:, :, 0]
-    return normalised((1.0 - blend) * own + blend * source)
+    averages = of_row[work.rows[corners, OFFSET].astype(int)]
+    normals = normalised((1.0 - blend) * corner_normals(smooth) + blend * averages)
+    carrier = make_carrier(smooth, normals, corner_angle)
+    return carrier, face_hints[carrier.order]
 
 
 def taubin(mesh, pairs, free):
     """Points (n, 3) after pairs of umbrella steps (Taubin 1995) on the free vertices."""
-    from scipy.sparse import coo_matrix
-
     edges = edge_table(mesh.faces).edges
     ends = np.concatenate([edges, edges[:, ::-1]])
     count = len(mesh.points)

@@ -1,9 +1,10 @@
-"""The measured recipe: pliant loop, exact count, fits and searches (see `pliant`)."""
+"""The measured recipe: pliant loop, exact count, fits and searches."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from meshes.quality import face_areas
 from remesh.adjust import fit_vertices, match_volume
 from remesh.flip import DELAUNAY, flip_edges
 from remesh.optimise import optimise_vertices
@@ -80,7 +81,7 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
         recipe.short, recipe.long,
     )  # fmt: skip
     length = loop.run(
-        length, settings.iterations, vertices, recipe.delaunay_rounds,
+        length, settings.iterations, vertices, recipe.delaunay_rounds, recipe.final_sigma,
         lambda share: progress("loop", share),
     )  # fmt: skip
     if vertices is not None:
@@ -173,17 +174,18 @@ def improve_worst(work, recipe, rounds=10):
             step *= 0.6
 
 
-def choose_recipe(settings, diagonal, jagged):
+def choose_recipe(settings, mesh, jagged):
     """The figures measured best for what is asked.
 
     Parameters
     ----------
     settings : RemeshSettings
-    diagonal : float
-        Of the input's bounding box.
+    mesh : TriMesh
+        The input.
     jagged : bool
         Whether the carrier had to be smoothed.
     """
+    size = extent(mesh)
     if settings.sigma > 0.0:
         if jagged:
             return Recipe(
@@ -193,13 +195,22 @@ def choose_recipe(settings, diagonal, jagged):
             )  # fmt: skip
         return Recipe(
             settings.sigma, settings.sigma, AREA, agreement=0.1, least3=12.0, weight3=1.0,
-            order=3,
+            fits=(0.05, 0.03, 0.03), order=3,
         )  # fmt: skip
     if jagged:
-        return Recipe(0.006 * diagonal, 0.0, fits=(0.25,), ridge=0.03, delaunay_rounds=0)
+        return Recipe(0.0101 * size, 0.0, fits=(0.25,), ridge=0.03, delaunay_rounds=0)
     return Recipe(
-        0.012 * diagonal, 0.0, short=0.72, long=1.38, agreement=0.1, fits=(0.2, 0.15), order=3
+        0.0229 * size, 0.0, short=0.72, long=1.38, agreement=0.1, fits=(0.2, 0.15), order=3
     )
+
+
+def extent(mesh):
+    """Twice the root mean square distance of a surface from its centroid: the same if rotated."""
+    areas = face_areas(mesh.points, mesh.faces)
+    centres = mesh.points[mesh.faces].mean(axis=1)
+    total = areas.sum()
+    middle = areas @ centres / total
+    return 2.0 * float(np.sqrt(areas @ ((centres - middle) ** 2).sum(axis=1) / total))
 
 
 def first_length(work, recipe, settings):

@@ -114,7 +114,7 @@ def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
     if settings.algorithm == "thesis":
         length = run_thesis(work, gaps, settings, rng, progress)
     else:
-        recipe = choose_recipe(settings, mesh.diagonal, settings.smoothing > 0)
+        recipe = choose_recipe(settings, mesh, settings.smoothing > 0)
         closed = topology(mesh.faces, len(mesh.points)).watertight
         length = run_recipe(
             work, gaps, recipe, settings, signed_volume(mesh) if closed else None,

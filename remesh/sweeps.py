@@ -44,8 +44,16 @@ class PliantLoop:
         self.flip_limits = self.limits
         self.least_agreement = float(self.limits[2])
 
-    def run(self, length, iterations, vertices=None, delaunay_rounds=2, progress=None):
-        """Run the loop; return the last target length (it follows the count, if one is asked)."""
+    def run(
+        self, length, iterations, vertices=None, delaunay_rounds=2, final_sigma=None, progress=None
+    ):
+        """Run the loop; return the last target length of its rounds.
+
+        The target follows the count, if one is asked, or else is corrected until the mean edge,
+        measured with `final_sigma`, is as long as asked.
+        """
+        final_sigma = self.sigma if final_sigma is None else final_sigma
+        asked = length
         for i in range(iterations):
             if i == 0 and vertices is not None and self.work.vertices > 2 * vertices:
                 self.coarsen(length)
@@ -55,9 +63,12 @@ class PliantLoop:
             flip_edges(self.work, self.sigma, self.flip_limits, rule)
             for _ in range(2):
                 smooth_vertices(self.work, self.sigma, self.limits, self.weights)
-            if vertices is not None and i < iterations - 1:
-                ratio = min(max(self.work.vertices / vertices, 0.5), 2.0)
-                length *= ratio**COUNT_FEEDBACK
+            if i < iterations - 1:
+                if vertices is not None:
+                    ratio = self.work.vertices / vertices
+                else:
+                    ratio = asked / self.edge_lengths(final_sigma).mean()
+                length *= min(max(ratio, 0.5), 2.0) ** COUNT_FEEDBACK
             if progress is not None:
                 progress((i + 1) / iterations)
         return length
@@ -108,11 +119,12 @@ class PliantLoop:
             flip_edges(self.work, self.sigma, (25.0, 0.0, self.limits[2]), VALENCE, 3)
             smooth_vertices(self.work, self.sigma, (20.0, 0.0, self.limits[2]), UNIFORM, 0.7)
 
-    def edge_lengths(self):
+    def edge_lengths(self, sigma=None):
         """6D lengths of all edges (a feature edge once per side)."""
+        sigma = self.sigma if sigma is None else sigma
         corners, _ = self.work.corner_rows()
         ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
         ends = np.unique(np.sort(ends, axis=1), axis=0)
         step = self.work.rows[ends[:, 0], :6] - self.work.rows[ends[:, 1], :6]
-        step[:, 3:] *= self.sigma
+        step[:, 3:] *= sigma
         return np.linalg.norm(step, axis=1)

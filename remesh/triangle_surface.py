@@ -66,9 +66,13 @@ def smoothed_corner_normals(mesh, rounds):
     normals = corner_normals(mesh)
     if rounds == 0:
         return normals
+    return averaged(normals, *sectors(mesh), rounds)
+
+
+def sectors(mesh):
+    """Number (m, 3) of the smooth sector at each face corner, and how many there are."""
     table = edge_table(mesh.faces)
-    group, count = corner_groups(mesh.faces, ~feature_mask(mesh, table), table)
-    return averaged(normals, group, count, rounds)
+    return corner_groups(mesh.faces, ~feature_mask(mesh, table), table)
 
 
 def averaged(normals, group, count, rounds):

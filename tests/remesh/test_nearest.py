@@ -15,6 +15,7 @@ from tests.shapes import icosphere
 def test_closest_points_are_the_closest_of_all_triangles(scale):
     mesh = jittered(icosphere(1, radius=scale), 0.3, 0)
     carrier = make_carrier(mesh)
+    mesh = carrier.mesh
     rng = np.random.default_rng(2)
     points = scale * rng.normal(size=(25, 3))
     hints = rng.integers(0, len(mesh.faces), 25)
@@ -28,8 +29,8 @@ def test_closest_points_are_the_closest_of_all_triangles(scale):
 
 
 def test_closest_points_stay_in_the_patch_of_the_hint():
-    mesh = cylinder(around=12, rings=4)
-    carrier = make_carrier(mesh)
+    carrier = make_carrier(cylinder(around=12, rings=4))
+    mesh = carrier.mesh
     points = np.random.default_rng(3).normal(size=(8, 3))
     for label in range(len(mesh.labels)):
         hint = np.flatnonzero(mesh.face_labels == label)[0]
@@ -75,8 +76,8 @@ def test_curves_cover_all_feature_edges_and_are_walked_by_arc_length(make):
 
 
 def test_normals_beside_a_rim_are_those_of_cap_and_side():
-    mesh = cut_sphere(level=0.4)
-    curves = make_carrier(mesh).curves
+    carrier = make_carrier(cut_sphere(level=0.4))
+    mesh, curves = carrier.mesh, carrier.curves
     (path,) = curves.vertices
     nodes = curves.arrays[1]
     sides = np.stack([nodes[:, 4:7], nodes[:, 7:10]])

@@ -122,7 +122,7 @@ def test_vertices_stay_on_their_patch_and_curve():
     corners = work.halves[: 3 * work.counts[1], ORIGIN]
     live = corners >= 0
     labels = np.repeat(work.labels[: work.counts[1]], 3)[live]
-    hinted = mesh.face_labels[work.links[corners[live], HINT]]
+    hinted = work.carrier.mesh.face_labels[work.links[corners[live], HINT]]
     np.testing.assert_array_equal(labels, hinted)
 
 
