@@ -70,7 +70,7 @@ class TopoptStage:
             state_tolerance=section.state_tolerance,
         )
         conditions = boundary_conditions(run.mesh, run.problem, log=LOG.warning)
-        check_rigid_motions(run.mesh, run.problem, conditions.fixed)
+        check_rigid_motions(run.mesh, run.problem, conditions.fixed, conditions.springs)
         model = ElasticModel(run.mesh, run.problem, conditions, section.solver)
         series = FieldSeries(run.folder / "fields", run.mesh)
         with HistoryFile(run.folder / "history.csv") as history:

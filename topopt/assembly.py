@@ -29,6 +29,8 @@ class Assembler:
     material : Material
     fixed : (n, 3) bool array
         Rows and columns that are zeroed; the diagonal entry is kept.
+    springs : Springs, optional
+        Elastic supports, added to every matrix.
 
     Attributes
     ----------
@@ -36,12 +38,13 @@ class Assembler:
         The sparsity pattern in blocks: row i holds the nodes of the edges at i, and i, sorted.
     """
 
-    def __init__(self, tets, volumes, gradients, material, fixed):
+    def __init__(self, tets, volumes, gradients, material, fixed, springs=None):
         self._volumes, self._gradients, self._material = volumes, gradients, material
         self._fixed = np.ascontiguousarray(fixed)
         edges, self._edge_start, self._edge_corners = edges_and_tets(tets, len(fixed))
         self.indptr, self.indices, places = _pattern(edges, len(fixed))
         self._upper, self._lower, self._diagonal = places
+        self._springs = springs and self._place(springs)
 
     def assemble(self, factor):
         """Return the stiffness matrix for factors c (m,): bsr_array (3 n, 3 n) [N/m]."""
@@ -60,8 +63,20 @@ class Assembler:
         kernels.diagonal_and_supports(
             self.indptr, self.indices, self._diagonal, self._fixed, blocks
         )
+        if self._springs is not None:
+            places, springs = self._springs
+            blocks[places] += springs
         size = 3 * len(self._fixed)
         return bsr_array((blocks, self.indices, self.indptr), shape=(size, size))
+
+    def _place(self, springs):
+        """Where the blocks of springs stand in the matrix, and the blocks (k, 3, 3) there."""
+        n = np.int64(len(self._fixed))
+        keys = np.repeat(np.arange(n), np.diff(self.indptr)) * n + self.indices
+        places = np.searchsorted(keys, springs.rows * n + springs.columns)
+        held = self._fixed[springs.rows] | self._fixed[springs.columns]
+        held &= (springs.rows != springs.columns)[:, None]
+        return places, np.where(held, 0.0, springs.blocks)[:, None, :] * np.eye(3)
 
 
 def edges_and_tets(tets, n_points):

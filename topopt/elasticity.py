@@ -1,11 +1,16 @@
 """The state problem: P1 linear elasticity of the phase field under tractions and gravity.
 
 Symbols: phi phase field, u displacement, eps(u) strain, C(phi) = C_mat [r + (1 - r) phi^3],
-w = eps(u) : C_mat : eps(u) energy density (not scaled by phi), K stiffness matrix, f nodal forces.
+w = eps(u) : C_mat : eps(u) energy density (not scaled by phi), K stiffness matrix (springs of
+elastic supports included), f nodal forces, u_D imposed displacement, R = K u - f the reaction.
+
+In every load case the compliance is F = f.u - R.u_D, which is minus twice the least potential
+energy, min 1/2 u.K u - f.u over all u with u = u_D on the supports. So a better displacement
+raises it, an error of u shows in second order only, and its derivative by phi is that at fixed u.
 """
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +21,9 @@ from topopt.interpolation import stiffness_factor
 from topopt.linear_solver import make_solver, rigid_body_modes
 from topopt.weak_form import WeakFormAssembler
 
+LIFT_TOLERANCE = 1e-6  # any extension is exact; a smooth one is quick to go on from
+EYE = np.eye(3)
+
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -23,16 +31,20 @@ class State:
 
     Parameters
     ----------
-    displacement : (n, 3) float array [m]
+    displacements : (c, n, 3) float array [m]
+        Of every load case.
+    compliances : tuple of float [J]
+        Of every load case: F = int phi rho G.u + int g.u - R.u_D, taken as f.u + r.u with the
+        residual r = f - K u, whose error is of second order in r.
     compliance : float [J]
-        F = int phi rho G.u + int g.u, taken as f.u + r.u with the residual r = f - K u, whose
-        error is of second order in r.
+        The compliances times the weights of their cases, summed.
     energy_density : (m,) float array [J/m^3]
-        w = eps(u) : C_mat : eps(u) on each tet, not scaled by phi.
+        w = eps(u) : C_mat : eps(u) on each tet, not scaled by phi; of several load cases the
+        weighted sum.
     iterations : int
-        Of the linear solver.
+        Of the linear solver, all cases together.
     residual : float
-        |f - K u| / |f|, computed from the displacement itself.
+        |f - K u| / |f|, computed from the displacement itself; the largest of the cases.
     compliance_error : float [J]
         Estimate r.B r of the error r.K^-1 r of the compliance (B: the preconditioner).
     solver : str
@@ -41,7 +53,8 @@ class State:
         Wall time of the stiffness matrix, of the solver's numeric set-up, and of the solve.
     """
 
-    displacement: np.ndarray
+    displacements: np.ndarray
+    compliances: tuple[float, ...]
     compliance: float
     energy_density: np.ndarray
     iterations: int
@@ -52,9 +65,16 @@ class State:
     setup_seconds: float
     solve_seconds: float
 
+    @property
+    def displacement(self):
+        """Displacement (n, 3) [m] of the first load case."""
+        return self.displacements[0]
+
 
 class ElasticModel:
     """Elasticity on one mesh, solved for one phase field after another.
+
+    All load cases share the stiffness matrix and the solver's hierarchy.
 
     Parameters
     ----------
@@ -80,12 +100,15 @@ class ElasticModel:
         self.geometry = tet_geometry(mesh)
         if solver == "direct":
             self._order, self._tet_order = np.arange(len(mesh.points)), np.arange(len(mesh.tets))
-            self._assembler = WeakFormAssembler(mesh, self.material, conditions.fixed)
+            self._assembler = WeakFormAssembler(
+                mesh, self.material, conditions.fixed, conditions.springs
+            )
         else:
             self._set_up_gathering()
         reference = self._assembler.assemble(np.ones(len(mesh.tets)))
         points, fixed = mesh.points[self._order], conditions.fixed[self._order]
         self._solver = make_solver(solver, reference, rigid_body_modes(points, fixed))
+        self._lifts = self._imposed_displacements(reference)
 
     @property
     def volumes(self):
@@ -107,7 +130,25 @@ class ElasticModel:
             self.geometry.gradients[self._tet_order],
             self.material,
             self.conditions.fixed[self._order],
+            _reordered(self.conditions.springs, place),
         )
+
+    def _imposed_displacements(self, reference):
+        """For every load case an extension (n, 3) of its imposed displacement, or None.
+
+        That of the uniform material: smooth, so that what is left to solve for is small.
+        """
+        lifts, ready = [], False
+        for case in self.conditions.cases:
+            lift = case.displacement
+            if lift is not None:
+                if not ready:
+                    self._solver.update(reference)
+                    ready = True
+                pull = -self.internal_forces(lift, np.ones(len(self.mesh.tets)))
+                lift = lift + self._solve(pull, None, LIFT_TOLERANCE)[0]
+            lifts.append(lift)
+        return lifts
 
     def body_force(self, phi):
         """Nodal forces (n, 3) [N] of the weight of the material: int phi rho G N_i."""
@@ -119,10 +160,45 @@ class ElasticModel:
         work = self.material.density * (displacement @ self.gravity)
         return mass_product(self.mesh.tets, self.volumes, work)
 
-    def forces(self, phi):
-        """All nodal forces (n, 3) [N] at the free degrees of freedom; 0 at the fixed ones."""
-        forces = self.conditions.forces + self.body_force(phi)
-        return np.where(self.conditions.fixed, 0.0, forces)
+    def weighted_displacement(self, state):
+        """Sum (n, 3) [m] over the load cases with gravity of weight times displacement."""
+        shares = [case.weight * case.gravity for case in self.conditions.cases]
+        return np.tensordot(shares, state.displacements, axes=1)
+
+    def forces(self, phi, case=None):
+        """All nodal forces (n, 3) [N] of a load case (the first): tractions and weight."""
+        case = self.conditions.cases[0] if case is None else case
+        if not (case.gravity and np.any(self.gravity)):
+            return case.forces
+        return case.forces + self.body_force(phi)
+
+    def internal_forces(self, displacement, factor):
+        """Forces K u (n, 3) [N] that hold a displacement u (n, 3) [m], springs included.
+
+        Parameters
+        ----------
+        displacement : (n, 3) float array [m]
+        factor : (m,) float array
+            Of the stiffness on each tet.
+        """
+        tets, gradients = self.mesh.tets, self.geometry.gradients
+        slope = np.einsum("eai,eaj->eij", displacement[tets], gradients)  # d u_i / d x_j
+        stress = self.material.lame_mu * (slope + slope.transpose(0, 2, 1))
+        stress += self.material.lame_lambda * np.trace(slope, axis1=1, axis2=2)[:, None, None] * EYE
+        stress *= (factor * self.volumes)[:, None, None]
+        corner = np.einsum("eij,eaj->eai", stress, gradients).reshape(-1, 3)
+        n = len(displacement)
+        columns = [np.bincount(tets.ravel(), corner[:, k], minlength=n) for k in range(3)]
+        result = np.stack(columns, axis=1)
+        springs = self.conditions.springs
+        return result if springs is None else result + springs.forces(displacement)
+
+    def reactions(self, phi, state, k=0):
+        """Forces R = K u - f (n, 3) [N] that rigid supports exert in load case k; 0 elsewhere."""
+        factor = stiffness_factor(phi, self.mesh.tets, self.material.void_ratio)
+        forces = self.forces(phi, self.conditions.cases[k])
+        reactions = self.internal_forces(state.displacements[k], factor) - forces
+        return np.where(self.conditions.fixed, reactions, 0.0)
 
     def solve(self, phi, start=None, tolerance=1e-6):
         """Displacement, compliance and energy density for nodal values phi (n,).
@@ -130,8 +206,8 @@ class ElasticModel:
         Parameters
         ----------
         phi : (n,) float array
-        start : (n, 3) float array [m], optional
-            Where the iteration starts: the last displacement.
+        start : (c, n, 3) float array [m], optional
+            Where the iterations start: the last displacements; (n, 3) will do for one load case.
         tolerance : float
             Relative residual asked for.
 
@@ -145,29 +221,59 @@ class ElasticModel:
             If no solver reaches the tolerance.
         """
         began = time.perf_counter()
-        forces = self.forces(phi)
         factor = stiffness_factor(phi, self.mesh.tets, self.material.void_ratio)
         matrix = self._assembler.assemble(factor[self._tet_order])
         assembled = time.perf_counter()
         self._solver.update(matrix)
         prepared = time.perf_counter()
-        solution = self._solver.solve(
-            forces[self._order], None if start is None else start[self._order], tolerance
-        )
+        cases, shape = self.conditions.cases, self.mesh.points.shape
+        starts = [None] * len(cases) if start is None else np.reshape(start, (-1, *shape))
+        found = [
+            self._solve_case(self.forces(phi, case), lift, first, factor, tolerance)
+            for case, lift, first in zip(cases, self._lifts, starts, strict=True)
+        ]
         seconds = (assembled - began, prepared - assembled, time.perf_counter() - prepared)
+        weights = [case.weight for case in cases]
+        displacements, compliances, solutions = zip(*found)
+        densities = (weight * self.energy_density(u) for weight, u in zip(weights, displacements))
+        return State(
+            np.stack(displacements),
+            compliances,
+            sum(weight * value for weight, value in zip(weights, compliances)),
+            sum(densities),
+            sum(solution.iterations for solution in solutions),
+            max(solution.history[-1] for solution in solutions),
+            sum(weight * solution.error_energy for weight, solution in zip(weights, solutions)),
+            solutions[-1].solver,
+            *seconds,
+        )
+
+    def _solve_case(self, forces, lift, start, factor, tolerance):
+        """Displacement (n, 3), compliance and Solution of one load case.
+
+        With u = U + v, U the lift, K v = f - K U and F = f.u + (f - K u).u = 2 f.U - U.K U
+        + (f - K U).v + r.v.
+        """
+        if lift is None:
+            displacement, second_order, solution = self._solve(forces, start, tolerance)
+            work = np.where(self.conditions.fixed, 0.0, forces)
+            return displacement, float(np.vdot(work, displacement)) + second_order, solution
+        held = self.internal_forces(lift, factor)
+        rest = forces - held
+        start = None if start is None else start - lift
+        change, second_order, solution = self._solve(rest, start, tolerance)
+        compliance = float(np.vdot(forces, lift) + np.vdot(rest, lift) + np.vdot(rest, change))
+        return lift + change, compliance + second_order, solution
+
+    def _solve(self, forces, start, tolerance):
+        """Solve K v = f on the free degrees of freedom: v (n, 3), r.v, and the Solution."""
+        forces = np.where(self.conditions.fixed, 0.0, forces)[self._order]
+        start = None if start is None else start[self._order]
+        solution = self._solver.solve(forces, start, tolerance)
         displacement = np.empty_like(forces)
         displacement[self._order] = solution.displacement
         second_order = float(np.vdot(solution.residual_vector, solution.displacement))
-        return State(
-            displacement,
-            float(np.vdot(forces, displacement)) + second_order,
-            self.energy_density(displacement),
-            solution.iterations,
-            solution.history[-1],
-            solution.error_energy,
-            solution.solver,
-            *seconds,
-        )
+        return displacement, second_order, solution
 
     def energy_density(self, displacement):
         """Return w = eps(u) : C_mat : eps(u) (m,) [J/m^3] on each tet, for u (n, 3) [m]."""
@@ -183,7 +289,12 @@ class ElasticModel:
         return result
 
 
-def von_mises(model, state, phi):
+def _reordered(springs, place):
+    """The same springs where node i has the number place[i]."""
+    return springs and replace(springs, rows=place[springs.rows], columns=place[springs.columns])
+
+
+def von_mises(model, state, phi, k=0):
     """Von Mises stress (m,) [Pa] on each tet, of the stress C(phi) eps(u).
 
     Parameters
@@ -191,11 +302,13 @@ def von_mises(model, state, phi):
     model : ElasticModel
     state : State
     phi : (n,) float array
+    k : int
+        The load case.
     """
     result = np.empty(len(model.mesh.tets))
     factor = stiffness_factor(phi, model.mesh.tets, model.material.void_ratio)
     kernels.von_mises(
-        state.displacement,
+        state.displacements[k],
         model.mesh.tets,
         model.geometry.gradients,
         model.material.lame_mu * factor,

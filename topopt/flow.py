@@ -76,16 +76,21 @@ class Flow:
         None chooses it from the compliance of the start.
     seconds : float
         Wall time already spent.
+    bounds : pair of (n,) float arrays, optional
+        Least and greatest phi at every node, equal in passive regions; 0 and 1 if not given.
     """
 
-    def __init__(self, mesh, model, settings, volume_fraction, eps, gamma, seconds=0.0):
+    def __init__(
+        self, mesh, model, settings, volume_fraction, eps, gamma, seconds=0.0, bounds=None
+    ):
         self.model, self.settings, self.gamma = model, settings, gamma
         self.volume_fraction = volume_fraction
         self.energy = GinzburgLandau(mesh, eps, geometry=model.geometry)
         self.mass = self.energy.mass
         self.domain_volume = float(self.mass.sum())
         self.volume = volume_fraction * self.domain_volume if settings.volume_constraint else None
-        self.lower, self.upper = np.zeros(len(self.mass)), np.ones(len(self.mass))
+        nodes = len(self.mass)
+        self.lower, self.upper = bounds or (np.zeros(nodes), np.ones(nodes))
         self._began = time.perf_counter() - seconds
 
     @property
@@ -157,10 +162,10 @@ class Flow:
         if len(rows) > 1:
             gain = abs(1.0 - rows[-1].objective_J / rows[-2].objective_J)
             tolerance = min(tolerance, max(1e-2 * np.sqrt(gain), FINEST_TOLERANCE))
-        state = self.model.solve(phi, loop.state.displacement, tolerance)
+        state = self.model.solve(phi, loop.state.displacements, tolerance)
         if state.compliance_error > 0.01 * gain * abs(loop.objective):
             tolerance = max(1e-2 * tolerance, FINEST_TOLERANCE)
-            state = self.model.solve(phi, state.displacement, tolerance)
+            state = self.model.solve(phi, state.displacements, tolerance)
         return state
 
     def _arrive(self, phi, state, rule, history, tau, effort=(0, 0, None)):

@@ -2,6 +2,9 @@
 
 The compliance is self-adjoint, so its derivative needs the displacement alone:
 dJ(h) = 2 int h rho G.u + gamma dE(h) - int 3 phi^2 (1 - r) w h   (2.7; the 2 is on gravity only).
+It holds with imposed displacements u_D and springs too, because F = f.u - R.u_D is minus twice the
+least potential energy (see `topopt.elasticity`), whose derivative is that at fixed u. Of several
+load cases u and w are the weighted sums.
 """
 
 import numpy as np
@@ -27,7 +30,7 @@ def compliance_gradient(model, phi, state):
     weights = -(1.0 - model.material.void_ratio) * model.volumes * state.energy_density
     gradient = mean_cube_pullback(phi, model.mesh.tets, weights)
     if np.any(model.gravity):
-        gradient += 2.0 * model.body_force_work(state.displacement)
+        gradient += 2.0 * model.body_force_work(model.weighted_displacement(state))
     return gradient
 
 

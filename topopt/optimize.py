@@ -19,6 +19,8 @@ from topopt.flow import Flow, LoopState
 from topopt.history import HistoryRow
 from topopt.kkt import KKT
 from topopt.parameters import auto_eps, warn_if_coarse
+from topopt.passive import check_room, passive_bounds
+from topopt.problem import moved
 from topopt.step_control import RULES
 from topopt.unloaded import Unloaded
 
@@ -152,15 +154,19 @@ def prepare(mesh, problem, settings, start=None, model=None):
         gamma, eps, seconds = start.gamma, start.eps, start.history[-1].seconds
     eps = auto_eps(mesh) if eps is None else eps
     warn_if_coarse(mesh, eps)
-    return Flow(mesh, model, settings, problem.volume_fraction, eps, gamma, seconds)
+    bounds = passive_bounds(mesh, problem)
+    flow = Flow(mesh, model, settings, problem.volume_fraction, eps, gamma, seconds, bounds)
+    if settings.volume_constraint:
+        check_room(flow.mass, *bounds, problem.volume_fraction)
+    return flow
 
 
 def state_problem(mesh, problem, settings):
-    """The problem's elasticity on a mesh, or `Unloaded` if there are no loads and no gravity."""
-    if not problem.loads and not np.any(problem.gravity):
+    """The problem's elasticity on a mesh, or `Unloaded` if nothing loads or moves it."""
+    if not (problem.loads or np.any(problem.gravity) or moved(problem.supports)):
         return Unloaded(mesh, problem)
     conditions = boundary_conditions(mesh, problem)
-    check_rigid_motions(mesh, problem, conditions.fixed)
+    check_rigid_motions(mesh, problem, conditions.fixed, conditions.springs)
     return ElasticModel(mesh, problem, conditions, settings.solver)
 
 

@@ -33,7 +33,8 @@ def auto_gamma(compliance, volume_fraction, domain_volume, eps):
     ----------
     compliance : float [J]
         At the start, phi = m everywhere; F m^2 is what the same forces cost in solid bars of the
-        same volume.
+        same volume. Negative where imposed displacements do the work: then -F / m^2 is what they
+        store in solid bars.
     volume_fraction : float
         m.
     domain_volume : float [m^3]
@@ -44,9 +45,10 @@ def auto_gamma(compliance, volume_fraction, domain_volume, eps):
     InvalidCase
         If nothing is loaded.
     """
-    if not compliance > 0.0:
+    if compliance == 0.0:
         raise InvalidCase("gamma: auto needs a load; give gamma a value or add a load or gravity.")
-    return AUTO_PRESSURE * eps * compliance * volume_fraction / domain_volume
+    share = volume_fraction if compliance > 0.0 else volume_fraction**-3
+    return AUTO_PRESSURE * eps * abs(compliance) * share / domain_volume
 
 
 def warn_if_coarse(mesh, eps, phi=None):

@@ -31,7 +31,8 @@ class Unloaded:
         displacement = np.zeros((len(self.mesh.points), 3))
         density = np.zeros(len(self.mesh.tets))
         return State(
-            displacement=displacement,
+            displacements=displacement[None],
+            compliances=(0.0,),
             compliance=0.0,
             energy_density=density,
             iterations=0,

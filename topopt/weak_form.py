@@ -39,13 +39,16 @@ class WeakFormAssembler:
     material : Material
     fixed : (n, 3) bool array
         Rows and columns that are zeroed; the diagonal entry is kept.
+    springs : Springs, optional
+        Elastic supports, added to every matrix.
     """
 
-    def __init__(self, mesh, material, fixed):
+    def __init__(self, mesh, material, fixed, springs=None):
         self._basis = vector_basis(mesh)
         self._constants = self._basis.with_element(ElementTetP0())
         self._form = elasticity_form(material)
         self._held = np.asarray(fixed).ravel()
+        self._springs = _entries(springs)
         self._node_major = np.empty(self._basis.N, np.int64)
         self._node_major[self._basis.nodal_dofs.T.ravel()] = np.arange(self._basis.N)
 
@@ -53,7 +56,18 @@ class WeakFormAssembler:
         """Return the stiffness matrix for factors c (m,): bsr_array (3 n, 3 n) [N/m]."""
         field = self._constants.interpolate(factor)
         matrix = self._form.assemble(self._basis, factor=field).tocoo()
-        rows, columns = self._node_major[matrix.row], self._node_major[matrix.col]
+        rows, columns, data = self._springs
+        rows = np.concatenate([self._node_major[matrix.row], rows])
+        columns = np.concatenate([self._node_major[matrix.col], columns])
         keep = (rows == columns) | ~(self._held[rows] | self._held[columns])
-        data = np.where(keep, matrix.data, 0.0)
+        data = np.where(keep, np.concatenate([matrix.data, data]), 0.0)
         return bsr_array((data, (rows, columns)), shape=matrix.shape, blocksize=(3, 3))
+
+
+def _entries(springs):
+    """Rows, columns and values of the springs' matrix, entry by entry."""
+    if springs is None:
+        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
+    axes = np.arange(3)
+    rows, columns = (3 * nodes[:, None] + axes for nodes in (springs.rows, springs.columns))
+    return rows.ravel(), columns.ravel(), springs.blocks.ravel()
