@@ -1,9 +1,9 @@
-"""Kernels compiled on one core while the other one meshes and optimises.
+"""Kernels compiled in child processes while the domain is meshed and optimised.
 
-The first run on a machine has to compile every numba kernel: more than two minutes on one core.
-Meshing keeps only one core busy, so a first run starts this module as a child process. It runs a
-tiny case from the lattice to the remeshed surface, in a folder of its own, and so fills numba's
-cache on disk, from which the run itself then loads the kernels of its later stages.
+The first run on a machine has to compile every numba kernel: about two minutes on one core.
+Meshing keeps only one core busy, so a first run starts this module as child processes, one for
+each group of later stages. Each runs its stages on a small ball, in a folder of its own, and so
+fills numba's cache on disk, from which the run itself then loads the kernels.
 """
 
 import contextlib
@@ -12,6 +12,8 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+import numpy as np
 
 import remesh
 from cases.run_folder import STAGES
@@ -24,20 +26,19 @@ domain:
   box: {lower: [0, 0, 0], upper: [20mm, 10mm, 10mm]}
 symmetry: [x=0, y=0]
 supports:
-  foot: {plane: z=0, x: [16mm, 20mm], fixed: [x, y, z]}
+  foot: {plane: z=0, fixed: [x, y, z]}
 loads:
-  deck: {plane: z=10mm, x: [0, 6mm], traction: [0, 0, -2400]}
+  deck: {plane: z=10mm, traction: [0, 0, -2400]}
 mesh: {kind: bcc, tets: 1500}
-topopt: {volume_fraction: 0.4, gamma: 1.0e-4, eps: 2mm, steps: 2}
+topopt: {volume_fraction: 0.4}
 isosurface: {level: volume}
 rbf: {support_factor: 2.5}
 remesh: {edge_factor: 2, iterations: 2}
-output: {pictures: false, snapshots: 0}
 """
 
 
 class CompileAhead:
-    """The child process, or nothing where it would not help.
+    """The child processes, or none where they would not help.
 
     Parameters
     ----------
@@ -46,31 +47,34 @@ class CompileAhead:
     last : str
         The last stage to run.
     threads : int
-        Threads of the run; with one the child would only be in its way.
+        Threads of the run; with one the children would only be in its way.
     """
 
     def __init__(self, kind, last, threads):
-        self._child = None
-        late = STAGES.index(last) > STAGES.index("topopt")
-        if late and kind != "bcc" and threads > 1 and not compiled():
-            self._child = _spawn()
+        self._children = {}
+        if kind == "bcc" or threads == 1 or compiled():
+            return
+        for stage in COMPILED_WITH:
+            if STAGES.index(stage) <= STAGES.index(last):
+                self._children[stage] = _spawn(stage)
 
-    @property
-    def running(self):
-        """Whether the child is still compiling."""
-        return self._child is not None and self._child.poll() is None
+    def running(self, stage):
+        """Whether the kernels of `stage` are still being compiled."""
+        child = self._children.get(stage)
+        return child is not None and child.poll() is None
 
-    def wait(self):
-        """Wait until the kernels are there, or the child has failed or takes too long."""
-        if self._child is not None:
+    def wait(self, stage):
+        """Wait until the kernels of `stage` are there, or their child has failed or takes long."""
+        if self.running(stage):
             with contextlib.suppress(subprocess.TimeoutExpired):
-                self._child.wait(LONGEST_WAIT)
+                self._children[stage].wait(LONGEST_WAIT)
 
     def close(self):
-        """End the child if it still runs."""
-        if self.running:
-            self._child.kill()
-            self._child.wait()
+        """End the children that still run."""
+        for stage, child in self._children.items():
+            if self.running(stage):
+                child.kill()
+                child.wait()
 
 
 def compiled():
@@ -79,7 +83,7 @@ def compiled():
     return any(Path(folder).rglob("*.nbi"))
 
 
-def _spawn():
+def _spawn(stage):
     root = str(Path(__file__).resolve().parents[1])
     path = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     quiet = {
@@ -89,7 +93,7 @@ def _spawn():
     }
     try:
         return subprocess.Popen(
-            [sys.executable, "-m", "cases.compile_ahead"],
+            [sys.executable, "-m", "cases.compile_ahead", stage],
             env={**os.environ, "PYTHONPATH": path, "NUMBA_NUM_THREADS": "1"},
             **quiet,
         )
@@ -97,16 +101,56 @@ def _spawn():
         return None
 
 
-def main():
-    """Run the tiny case in a temporary folder."""
-    from cases.cli import RunOptions
-    from cases.pipeline import run_pipeline
+def ball(folder):
+    """A Run whose design is an eighth of a ball, and its raw isosurface."""
+    from cases.design_stages import MeshStage
+    from cases.load import load_case
+    from cases.problem import to_problem
+    from cases.progress import Reporter
+    from cases.run_state import Run
+    from cases.surface_stages import IsosurfaceStage
+    from meshes import PhaseField
+    from topopt.geometry import tet_geometry
 
+    path = folder / "tiny.yaml"
+    path.write_text(TINY, encoding="utf-8")
+    loaded = load_case(path)
+    run = Run(loaded, to_problem(loaded), folder, Reporter())
+    MeshStage().run(run)
+    radius = np.linalg.norm(run.mesh.points - [0.0, 0.0, 0.003], axis=1)
+    values = np.clip(0.5 + (0.0075 - radius) / 0.004, 0.0, 1.0)
+    run.design = PhaseField(run.mesh, values)
+    volume = float(tet_geometry(run.mesh).lumped_mass @ values)
+    run.figures["topopt"] = {"material_volume_m3": volume}
+    IsosurfaceStage().run(run)
+    return run
+
+
+def smooth_ball(run):
+    """Smooth the ball's isosurface and measure it: repair, filter, self-intersections."""
+    from cases import report
+    from cases.surface_stages import SmoothStage
+
+    SmoothStage().run(run)
+    report.quality(run)
+
+
+def remesh_ball(run):
+    """Interpolate and remesh the ball's isosurface."""
+    from cases.remesh_stage import RemeshStage
+
+    run.smoothed = run.isosurface
+    RemeshStage().run(run)
+
+
+COMPILED_WITH = {"smooth": smooth_ball, "remesh": remesh_ball}
+
+
+def main(stage):
+    """Run one group of stages on the ball, in a temporary folder."""
     with tempfile.TemporaryDirectory(prefix="phasemesh-") as folder:
-        path = Path(folder) / "tiny.yaml"
-        path.write_text(TINY, encoding="utf-8")
-        run_pipeline(path, path.name, RunOptions(out=Path(folder) / "run", threads=1, quiet=True))
+        COMPILED_WITH[stage](ball(Path(folder)))
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1])

@@ -127,9 +127,9 @@ def _run_stages(run, options, manifest, memory, ahead):
     """Load the stages before --from, run the others up to --stop-after."""
     for name in STAGES[: STAGES.index(options.last) + 1]:
         stage = _STAGES[name]
-        if name == "isosurface" and ahead.running:
-            LOG.info("waiting for the kernels of the later stages, which the first run compiles")
-            ahead.wait()
+        if ahead.running(name):
+            LOG.info("waiting for the kernels of stage %s, which the first run compiles", name)
+            ahead.wait(name)
         if STAGES.index(name) < STAGES.index(options.first):
             stage.load(run)
         else:

@@ -1,36 +1,38 @@
-"""Compiling ahead: only where it helps, and its tiny case really runs."""
+"""Compiling ahead: only where it helps, and its stages really run."""
 
-import numpy as np
+import subprocess
+import sys
+
 import pytest
 
 from cases import compile_ahead
-from cases.compile_ahead import CompileAhead
+from cases.compile_ahead import COMPILED_WITH, CompileAhead
 
 
 @pytest.fixture
 def started(monkeypatch):
-    """What would have been started, with no kernels in the cache."""
+    """The stages for which a child would have been started, with no kernels in the cache."""
     calls = []
-    monkeypatch.setattr(compile_ahead, "_spawn", lambda: calls.append(1))
+    monkeypatch.setattr(compile_ahead, "_spawn", calls.append)
     monkeypatch.setattr(compile_ahead, "compiled", lambda: False)
     return calls
 
 
 @pytest.mark.parametrize(
-    "kind, last, threads, count",
+    "kind, last, threads, stages",
     [
-        ("pytetwild", "remesh", 2, 1),
-        ("pytetwild", "isosurface", 2, 1),
-        ("pytetwild", "topopt", 2, 0),
-        ("pytetwild", "remesh", 1, 0),
-        ("bcc", "remesh", 2, 0),
+        ("pytetwild", "remesh", 2, ["smooth", "remesh"]),
+        ("pytetwild", "smooth", 2, ["smooth"]),
+        ("pytetwild", "isosurface", 2, []),
+        ("pytetwild", "remesh", 1, []),
+        ("bcc", "remesh", 2, []),
     ],
 )
-def test_the_child_starts_only_where_it_helps(started, kind, last, threads, count):
+def test_children_start_only_where_they_help(started, kind, last, threads, stages):
     ahead = CompileAhead(kind, last, threads)
-    assert len(started) == count
-    assert not ahead.running
-    ahead.wait()
+    assert started == stages
+    assert not ahead.running("remesh")
+    ahead.wait("remesh")
     ahead.close()
 
 
@@ -38,6 +40,20 @@ def test_nothing_is_compiled_twice(started, monkeypatch):
     monkeypatch.setattr(compile_ahead, "compiled", lambda: True)
     CompileAhead("pytetwild", "remesh", 2)
     assert started == []
+
+
+def test_a_stage_waits_for_its_own_child(started, monkeypatch):
+    def spawn(stage):
+        seconds = "0" if stage == "smooth" else "60"
+        return subprocess.Popen([sys.executable, "-c", f"import time; time.sleep({seconds})"])
+
+    monkeypatch.setattr(compile_ahead, "_spawn", spawn)
+    ahead = CompileAhead("pytetwild", "remesh", 2)
+    ahead.wait("smooth")
+    assert not ahead.running("smooth")
+    assert ahead.running("remesh")
+    ahead.close()
+    assert not ahead.running("remesh")
 
 
 def test_an_empty_cache_is_seen(monkeypatch, tmp_path):
@@ -48,16 +64,7 @@ def test_an_empty_cache_is_seen(monkeypatch, tmp_path):
     assert compile_ahead.compiled()
 
 
-def test_the_tiny_case_runs_through_the_last_stage(monkeypatch, tmp_path):
-    monkeypatch.setattr(compile_ahead.tempfile, "tempdir", str(tmp_path))
-    seen = []
-    original = compile_ahead.tempfile.TemporaryDirectory.cleanup
-
-    def look(folder):
-        seen.extend(p.name for p in tmp_path.rglob("surface.stl"))
-        original(folder)
-
-    monkeypatch.setattr(compile_ahead.tempfile.TemporaryDirectory, "cleanup", look)
-    compile_ahead.main()
-    assert np.unique(seen).tolist() == ["surface.stl"]
-    assert list(tmp_path.glob("phasemesh-*")) == []
+@pytest.mark.parametrize("stage, made", [("smooth", "smoothed.ply"), ("remesh", "surface.stl")])
+def test_the_stages_run_on_the_ball(tmp_path, stage, made):
+    COMPILED_WITH[stage](compile_ahead.ball(tmp_path))
+    assert (tmp_path / made).stat().st_size > 1_000
