@@ -15,7 +15,8 @@ import numpy as np
 
 from meshes.errors import InvalidCase, InvalidMesh
 from meshes.obj_off import obj_bytes, off_bytes, read_obj, read_off
-from meshes.ply import ply_bytes, read_ply
+from meshes.ply import read_ply
+from meshes.ply_writer import ply_bytes
 from meshes.stl import read_stl, stl_bytes
 from meshes.storage import (
     archive_bytes,
@@ -26,16 +27,19 @@ from meshes.storage import (
     tet_mesh_of,
 )
 from meshes.topology import check_indices
-from meshes.tri_mesh import TriMesh
+from meshes.vtp import read_vtp, vtp_bytes
 
-SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".off")
+SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".off", ".vtp")
+WITH_POINT_DATA = (".ply", ".vtp")
 
 
 def read_surface(path):
-    """Read a surface from an STL, PLY, OBJ or OFF file, in the unit of the file.
+    """Read a surface from an STL, PLY, OBJ, OFF or VTP file, in the unit of the file.
 
     Equal corners of an STL become one vertex. Polygons are cut into triangles. A PLY that
-    `write_surface` wrote brings back labels, planes and feature edges.
+    `write_surface` wrote brings back labels, planes and feature edges. Of other files the labels
+    are whole numbers of the faces under a name such as "label" or "RegionId" (PLY, VTP), the
+    materials, groups or objects (OBJ), or the solids (STL in words).
 
     Parameters
     ----------
@@ -53,6 +57,18 @@ def read_surface(path):
         If the file is empty, cut off, not what its suffix says, or its faces refer to points
         that do not exist or are not finite.
     """
+    return read_surface_data(path)[0]
+
+
+def read_surface_data(path):
+    """As `read_surface`, with the values at the points that a PLY or VTP file holds.
+
+    Returns
+    -------
+    mesh : TriMesh
+    point_data : dict of str to (n,) or (n, k) array
+        Empty for other formats.
+    """
     path = Path(path)
     suffix = _surface_suffix(path)
     try:
@@ -62,7 +78,7 @@ def read_surface(path):
     if not data.strip():
         raise InvalidMesh(f"{path}: is empty")
     try:
-        mesh = _parse(data, suffix)
+        mesh, point_data = _parse(data, suffix)
         check_indices(mesh.faces, len(mesh.points))
         if len(mesh.faces) == 0:
             raise InvalidMesh("it has no faces")
@@ -71,15 +87,14 @@ def read_surface(path):
             raise InvalidMesh(f"{bad} of its {len(mesh.points)} vertices are NaN or infinite")
     except InvalidMesh as error:
         raise InvalidMesh(f"{path}: {error}") from error
-    return mesh
+    return mesh, point_data
 
 
 def _parse(data, suffix):
-    """The TriMesh in the bytes of a file with the suffix."""
-    if suffix == ".ply":
-        return read_ply(data)
-    reader = {".stl": read_stl, ".obj": read_obj, ".off": read_off}[suffix]
-    return TriMesh(*reader(data))
+    """The TriMesh in the bytes of a file with the suffix, and the values at its points."""
+    if suffix in WITH_POINT_DATA:
+        return {".ply": read_ply, ".vtp": read_vtp}[suffix](data)
+    return {".stl": read_stl, ".obj": read_obj, ".off": read_off}[suffix](data), {}
 
 
 def _surface_suffix(path):
@@ -92,17 +107,19 @@ def _surface_suffix(path):
     return suffix
 
 
-def write_surface(path, mesh, scale=1.0):
+def write_surface(path, mesh, scale=1.0, point_data=None):
     """Write a surface in the format of the path's suffix.
 
     Parameters
     ----------
     path : path-like
-        *.ply (binary, double, with labels and feature edges), *.stl (binary, single),
-        *.obj or *.off.
+        *.ply (binary, double, with labels and feature edges), *.vtp (with labels), *.stl (binary,
+        single), *.obj (labels as groups) or *.off.
     mesh : TriMesh
     scale : float
         Factor on all coordinates (1000 writes metres as millimetres).
+    point_data : mapping of str to (n,) or (n, k) array, optional
+        Values at the points; only PLY and VTP hold them.
 
     Raises
     ------
@@ -111,11 +128,12 @@ def write_surface(path, mesh, scale=1.0):
     """
     path = Path(path)
     suffix = _surface_suffix(path)
-    if suffix == ".ply":
-        data = ply_bytes(mesh, scale)
+    if suffix in WITH_POINT_DATA:
+        data = {".ply": ply_bytes, ".vtp": vtp_bytes}[suffix](mesh, scale, point_data)
+    elif suffix == ".obj":
+        data = obj_bytes(mesh, scale)
     else:
-        writer = {".stl": stl_bytes, ".obj": obj_bytes, ".off": off_bytes}[suffix]
-        data = writer(mesh.points * scale, mesh.faces)
+        data = {".stl": stl_bytes, ".off": off_bytes}[suffix](mesh.points * scale, mesh.faces)
     write_atomically(path, data)
 
 

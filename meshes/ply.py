@@ -1,4 +1,4 @@
-"""PLY, ASCII and binary, with the labels and feature edges of a TriMesh.
+"""PLY, ASCII and binary, with the labels and feature edges of a TriMesh and values at its points.
 
 Beside vertices and faces, a TriMesh with more than one bare label is written with
 
@@ -7,15 +7,20 @@ Beside vertices and faces, a TriMesh with more than one bare label is written wi
   `comment label <number> plane <nx> <ny> <nz> <offset> "<name>"`, names as JSON strings,
 - an element `edge` with `int vertex1`, `int vertex2`: the feature edges.
 
-Other programs read such a file as any PLY; foreign files are read whatever else they carry.
+Values at the points are vertex properties: `nx, ny, nz` are the array "Normals", and `name_0`,
+`name_1` ... one array with several columns. Other programs read such a file as any PLY. Foreign
+files are read whatever else they carry; a face property of whole numbers with a name such as
+`label` or `material_index` holds labels.
 """
 
 import json
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from meshes.errors import InvalidMesh
+from meshes.face_labels import is_label_name, numbered_labels
 from meshes.patch import Patch, Plane
 from meshes.polygons import triangulate
 from meshes.tri_mesh import TriMesh
@@ -38,7 +43,9 @@ class Element:
 
 
 def read_ply(data):
-    """Return the TriMesh in PLY bytes; polygons are cut into triangles.
+    """Return the TriMesh in PLY bytes, and the values at its points by name.
+
+    Polygons are cut into triangles.
 
     Raises
     ------
@@ -53,7 +60,8 @@ def read_ply(data):
         body = body.split()
     for element in elements:
         found[element.name], place = reader(body, place, element, order)
-    return _assemble(found, comments)
+    kinds = {name: kind for e in elements if e.name == "vertex" for name, kind, _ in e.properties}
+    return _assemble(found, comments), _point_data(found["vertex"], kinds)
 
 
 def _header(data):
@@ -87,6 +95,9 @@ def _header(data):
         raise InvalidMesh(f"its PLY format {kind!r} is unknown")
     if any(element.count < 0 for element in elements):
         raise InvalidMesh("its PLY header has an element with a negative count")
+    for element in elements:
+        if len({name for name, *_ in element.properties}) < len(element.properties):
+            raise InvalidMesh(f"its element {element.name!r} has two properties of one name")
     return kind, elements, comments, data[place:]
 
 
@@ -246,14 +257,61 @@ def _assemble(found, comments):
         raise InvalidMesh("it has no faces (no list property 'vertex_indices')")
     sizes, corners = loops[0], loops[1].astype(np.int64)
     faces = triangulate(points, sizes, corners)
-    labels = _labels(comments)
-    numbers = face.get("label")
-    if labels is None or numbers is None or isinstance(numbers, tuple):
-        labels, numbers = (Patch("surface"),), np.zeros(len(sizes), int)
+    labels, numbers = _face_labels(face, _labels(comments), len(sizes))
     numbers = np.repeat(np.asarray(numbers).astype(np.int64), np.maximum(sizes - 2, 0))
     if np.any((numbers < 0) | (numbers >= len(labels))):
         raise InvalidMesh("a face has a label that no comment line explains")
     return TriMesh(points, faces, numbers, labels, _edges(found.get("edge", {}), len(points)))
+
+
+def _face_labels(face, labels, count):
+    """Labels and the number of each polygon's: ours, foreign ones, or one for all."""
+    numbers = face.get("label")
+    if labels is not None and numbers is not None and not isinstance(numbers, tuple):
+        return labels, numbers
+    for name, values in face.items():
+        found = None
+        if is_label_name(name) and not isinstance(values, tuple) and len(values) == count:
+            found = numbered_labels(values)
+        if found is not None:
+            return found
+    return (Patch("surface"),), np.zeros(count, int)
+
+
+def _point_data(columns, kinds):
+    """Arrays at the points by name: properties other than coordinates, vectors put together."""
+    left = {
+        name: _typed(values, kinds[name])
+        for name, values in columns.items()
+        if name not in ("x", "y", "z") and not isinstance(values, tuple)
+    }
+    found = {}
+    while left:
+        name = next(iter(left))
+        stem = re.sub(r"_0$", "", name)
+        parts = [name]
+        if {"nx", "ny", "nz"} <= left.keys() and name in ("nx", "ny", "nz"):
+            stem, parts = "Normals", ["nx", "ny", "nz"]
+        elif stem != name:
+            while f"{stem}_{len(parts)}" in left:
+                parts.append(f"{stem}_{len(parts)}")
+        arrays = [left.pop(part) for part in parts]
+        single = len(arrays) == 1
+        found[name if single else stem] = arrays[0] if single else np.stack(arrays, axis=1)
+    return found
+
+
+def _typed(values, kind):
+    """Values of words as the type of their property, where they fit it."""
+    kind = np.dtype(kind)
+    values = np.asarray(values)
+    if values.dtype == kind.newbyteorder("=") or kind.kind == "f":
+        return values.astype(kind)
+    if values.dtype.kind == "f":
+        limits = np.iinfo(kind)
+        fits = (values >= limits.min) & (values <= limits.max) & (values == np.rint(values))
+        return values.astype(kind) if fits.all() else values
+    return values.astype(values.dtype.newbyteorder("="))
 
 
 def _edges(columns, n_points):
@@ -286,38 +344,3 @@ def _labels(comments):
         except ValueError:
             return None
     return tuple(patches) or None
-
-
-def ply_bytes(mesh, scale=1.0):
-    """Binary PLY of a TriMesh, coordinates and planes times `scale`; the same bytes each time."""
-    points = np.ascontiguousarray(mesh.points * scale, dtype="<f8")
-    labelled = len(mesh.labels) > 1 or mesh.labels[:1] != (Patch("surface"),)
-    lines = ["ply", "format binary_little_endian 1.0", "comment phasemesh surface"]
-    if labelled:
-        lines += [_label_line(k, patch, scale) for k, patch in enumerate(mesh.labels)]
-    lines += [f"element vertex {len(points)}", *(f"property double {axis}" for axis in "xyz")]
-    lines += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
-    fields = [("size", "u1"), ("corners", "<i4", 3)]
-    if labelled:
-        lines.append("property int label")
-        fields.append(("label", "<i4"))
-    records = np.zeros(len(mesh.faces), np.dtype(fields))
-    records["size"], records["corners"] = 3, mesh.faces
-    if labelled:
-        records["label"] = mesh.face_labels
-    body = points.tobytes() + records.tobytes()
-    if len(mesh.feature_edges):
-        lines.append(f"element edge {len(mesh.feature_edges)}")
-        lines += ["property int vertex1", "property int vertex2"]
-        body += mesh.feature_edges.astype("<i4").tobytes()
-    return ("\n".join([*lines, "end_header"]) + "\n").encode("ascii") + body
-
-
-def _label_line(number, patch, scale):
-    """The comment that explains a label."""
-    name = json.dumps(patch.name)
-    if patch.plane is None:
-        return f"comment label {number} smooth {name}"
-    x, y, z = (float(c) for c in patch.plane.normal)
-    offset = float(patch.plane.offset) * scale
-    return f"comment label {number} plane {x!r} {y!r} {z!r} {offset!r} {name}"

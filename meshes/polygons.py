@@ -33,7 +33,8 @@ def triangulate(points, sizes, corners):
     if not triangles:
         return np.zeros((0, 3), dtype=np.int32)
     order = np.argsort(np.concatenate(owner), kind="stable")
-    return np.concatenate(triangles)[order].astype(np.int32)
+    chosen = np.concatenate(triangles)[order]
+    return np.clip(chosen, -1, np.iinfo(np.int32).max).astype(np.int32)  # no index wraps around
 
 
 def _fan(loops, k):

@@ -1,8 +1,18 @@
-"""STL: triangles without connectivity, in binary and in words."""
+"""STL: triangles without connectivity, in binary and in words.
+
+The solids of a file in words are the labels of its faces, if there are several.
+"""
+
+import re
 
 import numpy as np
 
 from meshes.errors import InvalidMesh
+from meshes.face_labels import named_labels
+from meshes.tri_mesh import TriMesh
+
+_SOLID = re.compile(rb"^[ \t]*solid\b([^\r\n]*)", re.IGNORECASE | re.MULTILINE)
+_VERTEX = re.compile(rb"(?<!\S)vertex(?!\S)", re.IGNORECASE)
 
 HEADER = b"phasemesh binary STL".ljust(80)
 RECORD = np.dtype(
@@ -11,7 +21,7 @@ RECORD = np.dtype(
 
 
 def read_stl(data):
-    """Points (n, 3) and faces (m, 3) of STL bytes; equal corners become one vertex.
+    """The TriMesh in STL bytes; equal corners become one vertex.
 
     Faces whose corners coincide have no area and are left out.
 
@@ -29,7 +39,7 @@ def read_stl(data):
     ):
         corners = np.frombuffer(data, RECORD, count, offset=84)["corners"].astype(float)
     elif data.lstrip().lower().startswith(b"solid"):
-        corners = _ascii_corners(data)
+        return _ascii_mesh(data)
     elif binary:
         raise InvalidMesh(
             f"it is cut off: its header announces {count} triangles, "
@@ -37,11 +47,19 @@ def read_stl(data):
         )
     else:
         raise InvalidMesh(f"it is no STL file ({len(data)} bytes)")
-    return weld_exactly(corners)
+    return TriMesh(*weld_exactly(corners)[:2])
+
+
+def _ascii_mesh(data):
+    """The TriMesh of an STL in words, one label per solid."""
+    corners, solids, names = _ascii_corners(data)
+    points, faces, kept = weld_exactly(corners)
+    found = named_labels(names, solids[kept]) if len(names) > 1 else None
+    return TriMesh(points, faces) if found is None else TriMesh(points, faces, found[1], found[0])
 
 
 def _ascii_corners(data):
-    """Corners (m, 3, 3) of an STL in words."""
+    """Corners (m, 3, 3), the solid of each triangle, and the solids' names."""
     words = data.lower().split()
     places = [i for i, word in enumerate(words) if word == b"vertex"]
     try:
@@ -51,11 +69,18 @@ def _ascii_corners(data):
         raise InvalidMesh("a vertex has no three numbers (is the file cut off?)") from error
     if len(places) % 3 or b"endsolid" not in words:
         raise InvalidMesh(f"it is cut off after {len(places)} vertices: 'endsolid' is missing")
-    return corners.reshape(-1, 3, 3)
+    begins = [match.start() for match in _SOLID.finditer(data)]
+    vertices = [match.start() for match in _VERTEX.finditer(data)][::3]
+    solids = np.maximum(np.searchsorted(begins, vertices, side="right") - 1, 0)
+    if len(vertices) * 3 != len(places):
+        begins, solids = [], np.zeros(len(places) // 3, dtype=int)
+    names = [_SOLID.match(data, begin)[1].decode("utf-8", "replace").strip() for begin in begins]
+    names = [name or f"solid {number}" for number, name in enumerate(names)]
+    return corners.reshape(-1, 3, 3), solids, names
 
 
 def weld_exactly(corners):
-    """Make one vertex of all equal corners: points (n, 3), faces (k, 3).
+    """Make one vertex of all equal corners: points (n, 3), faces (k, 3), the faces kept (m,).
 
     Parameters
     ----------
@@ -78,7 +103,7 @@ def weld_exactly(corners):
     rank[np.argsort(first)] = np.arange(len(first), dtype=np.int32)
     faces = rank[group].reshape(-1, 3)
     collapsed = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
-    return flat[np.sort(first)], faces[~collapsed]
+    return flat[np.sort(first)], faces[~collapsed], ~collapsed
 
 
 def stl_bytes(points, faces):

@@ -128,7 +128,7 @@ def topology(faces, n_points):
         boundary_edges=int(np.count_nonzero(count == 1)),
         nonmanifold_edges=nonmanifold_edges,
         nonmanifold_vertices=nonmanifold_vertices,
-        duplicate_faces=_count_duplicates(faces),
+        duplicate_faces=count_repeated(faces),
         collapsed_faces=collapsed,
         boundary_loops=loops,
         euler=euler,
@@ -137,7 +137,7 @@ def topology(faces, n_points):
     )
 
 
-def _count_duplicates(faces):
+def count_repeated(faces):
     """Faces that repeat the vertices of an earlier one."""
     low, high = faces.min(axis=1), faces.max(axis=1)
     middle = faces.sum(axis=1, dtype=np.int64) - low - high
@@ -251,20 +251,25 @@ def outward(mesh):
         point = piece[0, 0]
         around = np.flatnonzero(np.all((point > low) & (point < high), axis=1))
         depth = sum(
-            abs(_winding_number(point, pieces[other])) > 0.5 for other in around[around != number]
+            abs(winding_number(point, pieces[other])) > 0.5 for other in around[around != number]
         )
-        if _volume(piece) * (-1) ** depth <= 0:
+        if volume_sign(piece) * (-1) ** depth <= 0:
             return False
     return True
 
 
-def _volume(corners):
-    """Signed volume inside triangles (m, 3, 3), taken about their own middle."""
-    a, b, c = np.moveaxis(corners - corners.reshape(-1, 3).mean(axis=0), 1, 0)
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+def volume_sign(corners):
+    """1 if the normals of a closed piece, given by its triangles (m, 3, 3), point outside, else -1.
+
+    0 if it has no volume.
+    """
+    centred = corners - corners.reshape(-1, 3).mean(axis=0)
+    scaled = np.ldexp(centred, -np.frexp(np.abs(centred).max(initial=0.0))[1])
+    a, b, c = np.moveaxis(scaled, 1, 0)
+    return int(np.sign(np.einsum("ij,ij->", a, np.cross(b, c))))
 
 
-def _winding_number(point, corners):
+def winding_number(point, corners):
     """How often triangles (m, 3, 3) wind about a point (3,) (Van Oosterom & Strackee 1983)."""
     a, b, c = np.moveaxis(corners - point, 1, 0)
     la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))

@@ -1,0 +1,78 @@
+"""Faces that cross others, where the surface is folded, drawn apart by local smoothing."""
+
+import numpy as np
+from scipy.sparse import coo_matrix
+
+from meshes.edges import components, edge_table
+from meshes.self_intersection import self_intersecting_faces
+
+FACTORS = (0.02, 0.1, 0.3, 0.5, 0.5, 0.5, 0.5, 0.5)  # how far vertices move to their neighbours'
+RINGS = 1  # neighbours that are smoothed with them
+
+
+def separate(points, faces, held):
+    """Smooth around faces that meet others, as long as these become fewer.
+
+    Parameters
+    ----------
+    points : (n, 3) float array
+    faces : (m, 3) int array
+        Manifold.
+    held : (n,) bool array
+        Vertices that must stay.
+
+    Returns
+    -------
+    points : (n, 3) float array
+        The same ones unless faces were separated; what stays crossed has not moved.
+    before, after : int
+        Faces that meet others.
+    """
+    crossing = self_intersecting_faces(points, faces)
+    before = int(crossing.sum())
+    if before == 0:
+        return points, 0, 0
+    moved = _smoothed(points, faces, crossing, held)
+    moved = _undone(points, moved, faces)
+    after = int(self_intersecting_faces(moved, faces).sum())
+    return (moved, before, after) if after < before else (points, before, before)
+
+
+def _smoothed(points, faces, crossing, held):
+    """Points after rounds of smoothing around the faces that cross in each."""
+    edges = edge_table(faces).edges
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    degree = np.maximum(np.bincount(ends[:, 0], minlength=len(points)), 1)
+    mean = coo_matrix(
+        (1.0 / degree[ends[:, 0]], (ends[:, 0], ends[:, 1])), (len(points),) * 2
+    ).tocsr()
+    chosen = np.zeros(len(points), dtype=bool)
+    result = points
+    for factor in FACTORS:
+        chosen[faces[crossing]] = True
+        wider = chosen.copy()
+        for _ in range(RINGS):
+            wider[edges[wider[edges].any(axis=1)]] = True
+        wider &= ~held
+        target = result.copy()
+        target[wider] += factor * (mean[wider] @ result - result[wider])
+        result = target
+        crossing = self_intersecting_faces(result, faces)
+        if not crossing.any():
+            break
+    return result
+
+
+def _undone(points, moved, faces):
+    """Points moved, but for the patches in which faces still cross."""
+    change = (points != moved).any(axis=1)
+    touched = change[faces].any(axis=1)
+    _, patch = components(faces[touched][:, :2].ravel(), faces[touched][:, 1:].ravel(), len(points))
+    for _ in range(10):
+        bad = self_intersecting_faces(moved, faces) & touched
+        if not bad.any():
+            break
+        back = np.isin(patch, np.unique(patch[faces[bad]]))
+        moved = np.where(back[:, None], points, moved)
+        touched &= ~back[faces].any(axis=1)
+    return moved
