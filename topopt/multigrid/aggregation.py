@@ -74,7 +74,7 @@ def aggregate_level(indptr, indices, modes):
     aggregates, count = aggregate_nodes(indptr, indices, np.any(modes != 0.0, axis=(1, 2)))
     start, members = _members(aggregates, count)
     tentative = np.zeros_like(modes)
-    coarse_modes = np.empty((count, modes.shape[2], modes.shape[2]))
+    coarse_modes = np.zeros((count, modes.shape[2], modes.shape[2]))
     kernels.orthonormalise(start, members, modes, DEPENDENT, tentative, coarse_modes)
     return Aggregation(aggregates, count, tentative, coarse_modes)
 

@@ -29,14 +29,16 @@ def aggregate(indptr, indices, aggregates):
                 if aggregates[indices[k]] == UNDECIDED:
                     aggregates[indices[k]] = count
             count += 1
-    joined = aggregates.copy()
+    joined = np.empty(n, np.int32)
     for i in range(n):
+        joined[i] = aggregates[i]
         if aggregates[i] == UNDECIDED:
             for k in range(indptr[i], indptr[i + 1]):
                 if aggregates[indices[k]] >= 0:
                     joined[i] = aggregates[indices[k]]
                     break
-    aggregates[:] = joined
+    for i in range(n):
+        aggregates[i] = joined[i]
     for i in range(n):
         if aggregates[i] == UNDECIDED:
             aggregates[i] = count
@@ -60,7 +62,6 @@ def orthonormalise(start, members, modes, drop, tentative, coarse_modes):
     columns = modes.shape[2]
     for g in range(start.shape[0] - 1):
         nodes = members[start[g] : start[g + 1]]
-        coarse_modes[g] = 0.0
         for c in range(columns):
             length = 0.0
             for r in nodes:

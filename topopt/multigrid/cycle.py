@@ -29,20 +29,18 @@ class CycleSettings:
     Parameters
     ----------
     degree : int
-        Chebyshev degree of the smoother before and after, on the large levels.
+        Chebyshev degree of the smoother, before and after.
     lower, upper : float
         The interval it damps, in units of lambda_max(D^-1 A).
     krylov_unknowns : int
         Levels of at most so many unknowns (below the finest, above the coarsest) are solved by
-        two steps of conjugate gradients (K-cycle), with `krylov_degree`; 0 gives a V-cycle.
+        two steps of conjugate gradients (K-cycle); 0 gives a V-cycle.
     """
 
     degree: int = 2
     lower: float = 0.2
     upper: float = 1.1
     krylov_unknowns: int = 6000
-    krylov_degree: int = 4
-    krylov_lower: float = 0.1
 
 
 def apply_cycle(levels, settings, depth=0):
@@ -66,15 +64,10 @@ def threads_that_pay(level):
 def _apply_cycle(levels, settings, depth):
     level = levels[depth]
     if level.transfer is None:
-        kernels.dense_product(
-            level.dense_chunks, level.dense_inverse, level.f.ravel(), level.x.ravel()
-        )
+        kernels.dense_product(level.dense_inverse, level.f, level.x)
         return
-    small = depth > 0 and _is_small(level, settings)
-    degree = settings.krylov_degree if small else settings.degree
-    lower = settings.krylov_lower if small else settings.lower
     coarse = levels[depth + 1]
-    smooth_from_zero(level, degree, lower, settings.upper)
+    smooth_from_zero(level, settings.degree, settings.lower, settings.upper)
     level.take_residual(level.f, level.x, level.residual)
     level.restrict(coarse)
     if coarse.transfer is not None and _is_small(coarse, settings):
@@ -82,7 +75,7 @@ def _apply_cycle(levels, settings, depth):
     else:
         apply_cycle(levels, settings, depth + 1)
     level.prolong(coarse)
-    smooth(level, degree, lower, settings.upper)
+    smooth(level, settings.degree, settings.lower, settings.upper)
 
 
 def _is_small(level, settings):
@@ -132,29 +125,24 @@ def solve_by_krylov(levels, settings, depth):
 
 def _solve_by_krylov(levels, settings, depth):
     level = levels[depth]
-
-    def dot(a, b):
-        return kernels.dot(level.chunks, a, b, level.partial)
-
-    f = level.f.copy()
-    zero = np.zeros_like(f)
+    f, zero = level.f.copy(), np.zeros_like(level.f)
     apply_cycle(levels, settings, depth)
     first = level.x.copy()
     a_first = np.empty_like(f)
     level.take_residual(zero, first, a_first)  # -A c
-    energy = -dot(first, a_first)
+    energy = -kernels.inner_product(first, a_first)
     if not energy > 0.0:
         return
-    along = dot(first, f) / energy
-    kernels.add_scaled(level.chunks, SINGLE(along), a_first, level.f)
+    along = kernels.inner_product(first, f) / energy
+    level.f += SINGLE(along) * a_first
     apply_cycle(levels, settings, depth)
     second = level.x
-    coupling = -dot(second, a_first) / energy
-    kernels.add_scaled(level.chunks, SINGLE(-coupling), first, second)  # A-orthogonal to first
+    coupling = -kernels.inner_product(second, a_first) / energy
+    second -= SINGLE(coupling) * first  # A-orthogonal to first
     a_second = level.residual
     level.take_residual(zero, second, a_second)
-    energy = -dot(second, a_second)
-    along_second = dot(second, level.f) / energy if energy > 0.0 else 0.0
+    energy = -kernels.inner_product(second, a_second)
+    along_second = kernels.inner_product(second, level.f) / energy if energy > 0.0 else 0.0
     second *= SINGLE(along_second)
-    kernels.add_scaled(level.chunks, SINGLE(along), first, second)
+    second += SINGLE(along) * first
     level.f[:] = f

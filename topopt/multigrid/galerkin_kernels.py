@@ -2,16 +2,24 @@
 
 All patterns are known; only numbers are computed. A is (n, n) in blocks (b, b) with b = 3 on the
 finest level and 6 below, P is (n, N) in blocks (b, 6), the coarse matrix (N, N) in blocks (6, 6).
-Rows are dealt out in chunks that do not depend on the number of threads. The six columns of a
-block of P are written out: they are what the processor works on at once. Indices are unsigned:
-numba then leaves out the test for negative ones, which costs more than the arithmetic.
+Products of blocks are taken a row of six at once (`lanes`); a width must be a literal number
+there, hence the branches on b. Rows are dealt out in chunks that do not depend on the number of
+threads.
 """
 
 import numpy as np
 from numba import njit, prange
 
-ONE = np.uint32(1)
-OPTIONS = {"cache": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy"}
+from topopt.multigrid.cycle_kernels import INLINE, OPTIONS
+from topopt.multigrid.lanes import (
+    add,
+    add_product,
+    add_transposed_product,
+    load,
+    store,
+    transform,
+    zero,
+)
 
 
 @njit(parallel=True, **OPTIONS)
@@ -26,7 +34,7 @@ def scale_to_single(chunks, blocks, scale, result):
 
 @njit(parallel=True, **OPTIONS)
 def invert_diagonal(chunks, diagonal, blocks, floor, result):
-    """Inverses of the diagonal blocks, by Gauss-Jordan in double precision.
+    """Inverses of the diagonal blocks, by Gauss-Jordan in place and in double precision.
 
     A pivot below `floor` of its diagonal entry (rounding, in single precision, can leave less
     than nothing of a nearly dependent direction) is replaced by that.
@@ -34,87 +42,56 @@ def invert_diagonal(chunks, diagonal, blocks, floor, result):
     b = blocks.shape[1]
     for t in prange(chunks.shape[0] - 1):
         work = np.empty((b, b))
-        inverse = np.empty((b, b))
         for row in range(chunks[t], chunks[t + 1]):
+            k = diagonal[row]
             for i in range(b):
                 for j in range(b):
-                    work[i, j] = blocks[diagonal[row], i, j]
-                    inverse[i, j] = 1.0 if i == j else 0.0
+                    work[i, j] = blocks[k, i, j]
             for p in range(b):
-                pivot = max(work[p, p], floor * blocks[diagonal[row], p, p])
+                pivot = max(work[p, p], floor * blocks[k, p, p])
+                work[p, p] = 1.0
                 for j in range(b):
                     work[p, j] /= pivot
-                    inverse[p, j] /= pivot
                 for i in range(b):
                     if i != p:
                         factor = work[i, p]
+                        work[i, p] = 0.0
                         for j in range(b):
                             work[i, j] -= factor * work[p, j]
-                            inverse[i, j] -= factor * inverse[p, j]
             for i in range(b):
                 for j in range(b):
-                    result[row, i, j] = 0.5 * (inverse[i, j] + inverse[j, i])
+                    result[row, i, j] = 0.5 * (work[i, j] + work[j, i])
 
 
-@njit(forceinline=True, **OPTIONS)
-def _clear(blocks, first, last):
-    """blocks[first:last] = 0."""
+@njit(**INLINE)
+def _clear(width, blocks, first, last):
+    """blocks[first:last] = 0, for blocks (width, 6)."""
+    for row in range(width * np.int64(first), width * np.int64(last)):
+        store(zero(blocks, 6), blocks, row)
+
+
+@njit(**INLINE)
+def _smooth_row(
+    width, row, indptr, indices, blocks, inverse, aggregates, tentative, omega,
+    p_indptr, p_indices, p_blocks,
+):  # fmt: skip
+    first, last = p_indptr[row], p_indptr[row + 1]
+    _clear(width, p_blocks, first, last)
+    for k in range(indptr[row], indptr[row + 1]):
+        column = indices[k]
+        g = aggregates[column]
+        if g >= 0:
+            s = np.int64(first)
+            while p_indices[s] != g:
+                s += 1
+            add_product(blocks, k, tentative, column, p_blocks, s, width)
     for s in range(first, last):
-        for i in range(blocks.shape[1]):
-            for c in range(6):
-                blocks[s, i, c] = 0
-
-
-@njit(forceinline=True, **OPTIONS)
-def _add_product(left, l, right, r, result, s):
-    """result[s] (b, 6) += left[l] (b, b) @ right[r] (b, 6)."""
-    if left.shape[1] == 3:  # a width the compiler knows makes the loops twice as fast
-        _add_product_of(3, left, l, right, r, result, s)
-    else:
-        _add_product_of(6, left, l, right, r, result, s)
-
-
-@njit(forceinline=True, **OPTIONS)
-def _add_product_of(width, left, l, right, r, result, s):
-    for i in range(width):
-        s0, s1, s2 = result[s, i, 0], result[s, i, 1], result[s, i, 2]
-        s3, s4, s5 = result[s, i, 3], result[s, i, 4], result[s, i, 5]
-        for m in range(width):
-            a = left[l, i, m]
-            s0 += a * right[r, m, 0]
-            s1 += a * right[r, m, 1]
-            s2 += a * right[r, m, 2]
-            s3 += a * right[r, m, 3]
-            s4 += a * right[r, m, 4]
-            s5 += a * right[r, m, 5]
-        result[s, i, 0], result[s, i, 1], result[s, i, 2] = s0, s1, s2
-        result[s, i, 3], result[s, i, 4], result[s, i, 5] = s3, s4, s5
-
-
-@njit(forceinline=True, **OPTIONS)
-def _add_transposed_product(left, l, right, r, result, s):
-    """result[s] (6, 6) += left[l]^T @ right[r], for left and right (b, 6)."""
-    if left.shape[1] == 3:
-        _add_transposed_product_of(3, left, l, right, r, result, s)
-    else:
-        _add_transposed_product_of(6, left, l, right, r, result, s)
-
-
-@njit(forceinline=True, **OPTIONS)
-def _add_transposed_product_of(width, left, l, right, r, result, s):
-    for i in range(6):
-        s0, s1, s2 = result[s, i, 0], result[s, i, 1], result[s, i, 2]
-        s3, s4, s5 = result[s, i, 3], result[s, i, 4], result[s, i, 5]
-        for m in range(width):
-            a = left[l, m, i]
-            s0 += a * right[r, m, 0]
-            s1 += a * right[r, m, 1]
-            s2 += a * right[r, m, 2]
-            s3 += a * right[r, m, 3]
-            s4 += a * right[r, m, 4]
-            s5 += a * right[r, m, 5]
-        result[s, i, 0], result[s, i, 1], result[s, i, 2] = s0, s1, s2
-        result[s, i, 3], result[s, i, 4], result[s, i, 5] = s3, s4, s5
+        transform(inverse, row, -omega, p_blocks, s, width)
+        if p_indices[s] == aggregates[row]:
+            for i in range(width):
+                here = width * np.int64(s) + i
+                own = load(tentative, width * row + i, 6)
+                store(add(load(p_blocks, here, 6), own), p_blocks, here)
 
 
 @njit(parallel=True, **OPTIONS)
@@ -124,32 +101,32 @@ def smooth_prolongator(
 ):  # fmt: skip
     """P = (I - omega D^-1 A) T."""
     for t in prange(chunks.shape[0] - 1):
-        width = p_blocks.shape[1]
-        product = np.empty((width, 6), p_blocks.dtype)
         for row in range(chunks[t], chunks[t + 1]):
-            first, last = p_indptr[row], p_indptr[row + 1]
-            _clear(p_blocks, first, last)
-            for k in range(indptr[row], indptr[row + 1]):
-                column = np.uint64(indices[k])
-                g = aggregates[column]
-                if g >= 0:
-                    place = np.uint64(first)
-                    while p_indices[place] != g:
-                        place += np.uint64(1)
-                    _add_product(blocks, k, tentative, column, p_blocks, place)
-            for s in range(first, last):
-                own = p_indices[s] == aggregates[row]
-                for i in range(width):
-                    for c in range(6):
-                        value = inverse[row, i, 0] * p_blocks[s, 0, c]
-                        for m in range(1, width):
-                            value += inverse[row, i, m] * p_blocks[s, m, c]
-                        product[i, c] = -omega * value
-                        if own:
-                            product[i, c] += tentative[row, i, c]
-                for i in range(width):
-                    for c in range(6):
-                        p_blocks[s, i, c] = product[i, c]
+            if blocks.shape[1] == 3:
+                _smooth_row(
+                    3, row, indptr, indices, blocks, inverse, aggregates, tentative, omega,
+                    p_indptr, p_indices, p_blocks,
+                )  # fmt: skip
+            else:
+                _smooth_row(
+                    6, row, indptr, indices, blocks, inverse, aggregates, tentative, omega,
+                    p_indptr, p_indices, p_blocks,
+                )  # fmt: skip
+
+
+@njit(**INLINE)
+def _multiply_row(
+    width, row, place, indptr, indices, blocks, p_indptr, p_indices, p_blocks,
+    ap_indptr, ap_indices, ap_blocks,
+):  # fmt: skip
+    first, last = ap_indptr[row], ap_indptr[row + 1]
+    _clear(width, ap_blocks, first, last)
+    for s in range(first, last):
+        place[ap_indices[s]] = s
+    for k in range(indptr[row], indptr[row + 1]):
+        column = np.int64(indices[k])
+        for q in range(p_indptr[column], p_indptr[column + 1]):
+            add_product(blocks, k, p_blocks, q, ap_blocks, place[p_indices[q]], width)
 
 
 @njit(parallel=True, **OPTIONS)
@@ -161,15 +138,33 @@ def multiply(
     for t in prange(chunks.shape[0] - 1):
         place = np.empty(n_coarse, np.uint32)
         for row in range(chunks[t], chunks[t + 1]):
-            first, last = ap_indptr[row], ap_indptr[row + 1]
-            _clear(ap_blocks, first, last)
-            for s in range(first, last):
-                place[ap_indices[s]] = s
-            for k in range(indptr[row], indptr[row + 1]):
-                column = indices[k]
-                for q in range(p_indptr[column], p_indptr[column + ONE]):
-                    s = np.uint64(place[p_indices[q]])
-                    _add_product(blocks, k, p_blocks, q, ap_blocks, s)
+            if blocks.shape[1] == 3:
+                _multiply_row(
+                    3, row, place, indptr, indices, blocks, p_indptr, p_indices, p_blocks,
+                    ap_indptr, ap_indices, ap_blocks,
+                )  # fmt: skip
+            else:
+                _multiply_row(
+                    6, row, place, indptr, indices, blocks, p_indptr, p_indices, p_blocks,
+                    ap_indptr, ap_indices, ap_blocks,
+                )  # fmt: skip
+
+
+@njit(**INLINE)
+def _galerkin_row(
+    width, g, place, r_indptr, r_indices, r_places, p_blocks, ap_indptr, ap_indices, ap_blocks,
+    c_indptr, c_indices, c_blocks,
+):  # fmt: skip
+    first, last = c_indptr[g], c_indptr[g + 1]
+    _clear(6, c_blocks, first, last)
+    for s in range(first, last):
+        place[c_indices[s]] = s
+    for k in range(r_indptr[g], r_indptr[g + 1]):
+        row, here = np.int64(r_indices[k]), r_places[k]
+        for q in range(ap_indptr[row], ap_indptr[row + 1]):
+            h = ap_indices[q]
+            if h >= g:
+                add_transposed_product(p_blocks, here, ap_blocks, q, c_blocks, place[h], width)
 
 
 @njit(parallel=True, **OPTIONS)
@@ -184,16 +179,16 @@ def galerkin_upper(
     for t in prange(chunks.shape[0] - 1):
         place = np.empty(n_coarse, np.uint32)
         for g in range(chunks[t], chunks[t + 1]):
-            first, last = c_indptr[g], c_indptr[g + 1]
-            _clear(c_blocks, first, last)
-            for s in range(first, last):
-                place[c_indices[s]] = s
-            for k in range(r_indptr[g], r_indptr[g + 1]):
-                row, here = r_indices[k], r_places[k]
-                for q in range(ap_indptr[row], ap_indptr[row + ONE]):
-                    h = ap_indices[q]
-                    if h >= g:
-                        _add_transposed_product(p_blocks, here, ap_blocks, q, c_blocks, place[h])
+            if p_blocks.shape[1] == 3:
+                _galerkin_row(
+                    3, g, place, r_indptr, r_indices, r_places, p_blocks,
+                    ap_indptr, ap_indices, ap_blocks, c_indptr, c_indices, c_blocks,
+                )  # fmt: skip
+            else:
+                _galerkin_row(
+                    6, g, place, r_indptr, r_indices, r_places, p_blocks,
+                    ap_indptr, ap_indices, ap_blocks, c_indptr, c_indices, c_blocks,
+                )  # fmt: skip
 
 
 @njit(parallel=True, **OPTIONS)
@@ -205,13 +200,11 @@ def mirror(chunks, c_indptr, c_indices, c_transposed, c_blocks):
     for t in prange(chunks.shape[0] - 1):
         for g in range(chunks[t], chunks[t + 1]):
             for s in range(c_indptr[g], c_indptr[g + 1]):
-                if c_indices[s] < g:
+                if c_indices[s] <= g:  # a diagonal block is its own transpose
                     for i in range(6):
-                        for j in range(6):
+                        for j in range(6 if c_indices[s] < g else i):
                             c_blocks[s, i, j] = c_blocks[c_transposed[s], j, i]
-                elif c_indices[s] == g:
+                if c_indices[s] == g:
                     for i in range(6):
-                        for j in range(i):
-                            c_blocks[s, i, j] = c_blocks[s, j, i]
                         if c_blocks[s, i, i] == 0:
                             c_blocks[s, i, i] = 1

@@ -19,7 +19,7 @@ from threadpoolctl import ThreadpoolController
 from meshes.errors import NotConverged
 from topopt.multigrid import cycle_kernels, galerkin_kernels
 from topopt.multigrid.aggregation import aggregate_level
-from topopt.multigrid.patterns import INDEX, Pattern, equal_chunks, transfer_patterns
+from topopt.multigrid.patterns import INDEX, Pattern, transfer_patterns
 
 SINGLE = np.float32
 COARSEST_UNKNOWNS = 800  # small enough for a dense inverse
@@ -50,9 +50,7 @@ class Level:
         self.f, self.x, self.other, self.residual, self.step = (
             np.zeros((nodes, width), SINGLE) for _ in range(5)
         )
-        self.partial = np.zeros(len(self.chunks))
         if transfer is None:
-            self.dense_chunks = equal_chunks(np.ones(nodes * width))
             return
         rows = np.repeat(np.arange(nodes), np.diff(pattern.indptr))
         self.diagonal = np.flatnonzero(rows == pattern.indices).astype(INDEX)
@@ -106,9 +104,9 @@ class Level:
         zero[:] = 0
         x[:] = np.random.default_rng(0).standard_normal(x.shape) if first else self._power_vector
         for _ in range(REFERENCE_POWER_STEPS if first else POWER_STEPS):
-            before = cycle_kernels.dot(self.chunks, x, x, self.partial)
+            before = cycle_kernels.inner_product(x, x)
             self.apply_step(zero, x, SINGLE(0), SINGLE(1), self.residual)
-            after = cycle_kernels.dot(self.chunks, self.step, self.step, self.partial)
+            after = cycle_kernels.inner_product(self.step, self.step)
             np.multiply(self.step, SINGLE(-1 / np.sqrt(after)), out=x)
             self.largest = float(np.sqrt(after / before))
         if first:
@@ -116,13 +114,13 @@ class Level:
 
     def apply_step(self, f, x, momentum, gain, result):
         """step = momentum step + gain D^-1 (f - A x);  result = x + step."""
-        kernel = cycle_kernels.chebyshev_3 if self.width == 3 else cycle_kernels.chebyshev_6
-        kernel(self.chunks, *self.matrix, self.inverse, f, x, momentum, gain, self.step, result)
+        cycle_kernels.chebyshev(
+            self.chunks, *self.matrix, self.inverse, f, x, momentum, gain, self.step, result
+        )
 
     def take_residual(self, f, x, result):
         """result = f - A x."""
-        kernel = cycle_kernels.residual_3 if self.width == 3 else cycle_kernels.residual_6
-        kernel(self.chunks, *self.matrix, f, x, result)
+        cycle_kernels.residual(self.chunks, *self.matrix, f, x, result)
 
     def restrict(self, coarse):
         """coarse.f = P^T residual."""
@@ -138,7 +136,7 @@ class Level:
         cycle_kernels.prolong(self.chunks, p.indptr, p.indices, self.p_blocks, coarse.x, self.x)
 
     def invert(self, blas):
-        """On the coarsest level: the dense inverse, by Cholesky in double precision."""
+        """On the coarsest level: the dense inverse in blocks, by Cholesky in double precision."""
         size = self.pattern.rows * self.width
         matrix = bsr_array((self.blocks, *self.pattern.signed), shape=(size, size))
         dense = matrix.toarray().astype(float)
@@ -154,7 +152,10 @@ class Level:
                 "solver: direct."
             )
         upper = np.triu(inverse)
-        self.dense_inverse = (upper + np.triu(upper, 1).T).astype(SINGLE)
+        inverse = (upper + np.triu(upper, 1).T).astype(SINGLE)
+        nodes, width = self.pattern.rows, self.width
+        by_blocks = inverse.reshape(nodes, width, nodes, width).transpose(0, 2, 1, 3)
+        self.dense_inverse = np.ascontiguousarray(by_blocks)
 
 
 class Hierarchy:

@@ -6,12 +6,11 @@ the same on any number of threads.
 
 from numba import njit, prange
 
-from topopt.multigrid.cycle_kernels import _row_product_3
+from topopt.multigrid.cycle_kernels import INLINE, OPTIONS, row_product
+from topopt.multigrid.lanes import add, convert, dot, load, scale, store, subtract
 
-OPTIONS = {"cache": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy"}
 
-
-@njit(forceinline=True, **OPTIONS)
+@njit(**INLINE)
 def _total(partial, column):
     total = 0.0
     for t in range(partial.shape[0]):
@@ -20,55 +19,43 @@ def _total(partial, column):
 
 
 @njit(parallel=True, **OPTIONS)
-def multiply_and_dot(chunks, indptr, indices, blocks, p, q, partial):
-    """q = A p; returns p . q."""
+def multiply_and_dot(chunks, indptr, indices, blocks, z, r, q, product, partial):
+    """product = A z for z in single precision; returns z . r, z . product and z . q."""
     for t in prange(chunks.shape[0] - 1):
-        total = 0.0
+        zr = zs = zq = 0.0
         for row in range(chunks[t], chunks[t + 1]):
-            y = _row_product_3(indptr, indices, blocks, p, row)
-            for i in range(3):
-                q[row, i] = y[i]
-                total += p[row, i] * y[i]
-        partial[t, 0] = total
-    return _total(partial, 0)
-
-
-@njit(parallel=True, **OPTIONS)
-def preconditioned_dots(chunks, z, r, q, partial):
-    """Returns z . r and z . q."""
-    for t in prange(chunks.shape[0] - 1):
-        zr = zq = 0.0
-        for row in range(chunks[t], chunks[t + 1]):
-            for i in range(3):
-                zr += z[row, i] * r[row, i]
-                zq += z[row, i] * q[row, i]
+            s = row_product(3, 3, indptr, indices, blocks, z, row)
+            store(s, product, row)
+            here = convert(load(z, row, 3), product)
+            zr += dot(here, load(r, row, 3))
+            zs += dot(here, s)
+            zq += dot(here, load(q, row, 3))
         partial[t, 0] = zr
-        partial[t, 1] = zq
-    return _total(partial, 0), _total(partial, 1)
+        partial[t, 1] = zs
+        partial[t, 2] = zq
+    return _total(partial, 0), _total(partial, 1), _total(partial, 2)
 
 
 @njit(parallel=True, **OPTIONS)
-def new_direction(chunks, z, beta, p):
-    """p = z + beta p."""
-    for t in prange(chunks.shape[0] - 1):
-        for row in range(chunks[t], chunks[t + 1]):
-            for i in range(3):
-                p[row, i] = z[row, i] + beta * p[row, i]
+def advance(chunks, alpha, beta, z, product, gain, p, q, x, r, single, partial):
+    """One step of conjugate gradients; returns r . r.
 
-
-@njit(parallel=True, **OPTIONS)
-def advance(chunks, alpha, p, q, scale, x, r, single, partial):
-    """x += alpha p; r -= alpha q; single = scale r in single precision; returns r . r."""
+    p = z + beta p, q = product + beta q (which is A p), x += alpha p, r -= alpha q, and
+    single = gain r in single precision.
+    """
     for t in prange(chunks.shape[0] - 1):
-        total = 0.0
+        square = 0.0
         for row in range(chunks[t], chunks[t + 1]):
-            for i in range(3):
-                x[row, i] += alpha * p[row, i]
-                value = r[row, i] - alpha * q[row, i]
-                r[row, i] = value
-                single[row, i] = scale * value
-                total += value * value
-        partial[t, 0] = total
+            here = add(convert(load(z, row, 3), p), scale(beta, load(p, row, 3)))
+            store(here, p, row)
+            store(add(load(x, row, 3), scale(alpha, here)), x, row)
+            here = add(load(product, row, 3), scale(beta, load(q, row, 3)))
+            store(here, q, row)
+            rest = subtract(load(r, row, 3), scale(alpha, here))
+            store(rest, r, row)
+            store(convert(scale(gain, rest), single), single, row)
+            square += dot(rest, rest)
+        partial[t, 0] = square
     return _total(partial, 0)
 
 
@@ -76,12 +63,11 @@ def advance(chunks, alpha, p, q, scale, x, r, single, partial):
 def true_residual(chunks, indptr, indices, blocks, f, x, r, partial):
     """r = f - A x; returns r . r."""
     for t in prange(chunks.shape[0] - 1):
-        total = 0.0
+        square = 0.0
         for row in range(chunks[t], chunks[t + 1]):
-            y = _row_product_3(indptr, indices, blocks, x, row)
-            for i in range(3):
-                value = f[row, i] - y[i]
-                r[row, i] = value
-                total += value * value
-        partial[t, 0] = total
+            ax = row_product(3, 3, indptr, indices, blocks, x, row)
+            rest = subtract(load(f, row, 3), ax)
+            store(rest, r, row)
+            square += dot(rest, rest)
+        partial[t, 0] = square
     return _total(partial, 0)
