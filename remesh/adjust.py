@@ -26,8 +26,8 @@ from remesh.connectivity import (
     ring,
 )
 from remesh.embedding import as_tangents
-from remesh.guard import fan_quality, no_worse
-from remesh.nearest import closest, point_and_normal
+from remesh.guard import gather_star, no_worse, star_quality
+from remesh.nearest import near, point_and_normal
 
 DAMPING = 1e-3
 TOLERANCE = 1e-5
@@ -85,8 +85,10 @@ def fit_vertices(
 
     Returns
     -------
-    int
-        Number of vertices whose step was cut.
+    (n, 9) float array
+        For every row its position, and the entries xx, yy, zz, xy, yz, zx of the quadratic form
+        of its displacement that the sum of squared gaps grows by, in units of the mean over the
+        free vertices of that sum.
     """
     work.compact()
     used = int(work.counts[ROWS])
@@ -95,7 +97,7 @@ def fit_vertices(
     rows = work.rows[:used]
     free = free_rows(work)
     if not free.any():
-        return 0
+        return np.zeros((len(work.rows), 9))
     samples = barycentric_samples(order)
     normals, gap = gaps(work, corners, samples, normal_only)
     weights = np.sqrt(twice_areas(rows, corners))
@@ -104,7 +106,12 @@ def fit_vertices(
         rows, corners, samples, weights, normals, gap, free, tangential, ridge,
         0.0 if normal_only else 1.0, steps, step,
     )  # fmt: skip
-    return take_steps(work, free, step, sigma, limits)
+    take_steps(work, free, step, sigma, limits)
+    hold = np.zeros((len(work.rows), 9))
+    energy = hold_forms(corners, samples, weights, normals, gap, step, hold)
+    hold[:, 3:] *= np.count_nonzero(free) / energy if energy > 0.0 else 0.0
+    hold[:used, :3] = rows[:, :3]
+    return hold
 
 
 def take_steps(work, free, step, sigma, limits):
@@ -163,6 +170,31 @@ def accumulate(rows, corners, samples, weights, normals, gap, right, diagonal):
                 diagonal[v] += b * b
                 for z in range(3):
                     right[v, z] += b * weights[t] * gap[r] * normals[r, z]
+
+
+@kernel
+def hold_forms(corners, samples, weights, normals, gap, step, hold):
+    """Sum the quadratic forms of single displacements into hold[:, 3:]; return the energy left."""
+    per = samples.shape[0]
+    energy = 0.0
+    for t in range(corners.shape[0]):
+        w2 = weights[t] * weights[t]
+        for s in range(per):
+            r = t * per + s
+            x, y, z = normals[r, 0], normals[r, 1], normals[r, 2]
+            left = gap[r]
+            for k in range(3):
+                v, b = corners[t, k], samples[s, k]
+                left -= b * (step[v, 0] * x + step[v, 1] * y + step[v, 2] * z)
+                f = b * b * w2
+                hold[v, 3] += f * x * x
+                hold[v, 4] += f * y * y
+                hold[v, 5] += f * z * z
+                hold[v, 6] += f * x * y
+                hold[v, 7] += f * y * z
+                hold[v, 8] += f * z * x
+            energy += w2 * left * left
+    return energy
 
 
 @kernel
@@ -282,7 +314,7 @@ def solve_fit(
 @kernel
 def apply_steps(halves, links, rows, used, free, step, sigma2, limits):
     """Move free vertices by their steps, halved until no triangle gets too bad; count the cuts."""
-    fan = np.empty(MAX_RING, np.int64)
+    fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
     start = np.empty(3)
     cuts = 0
     for v in range(used):
@@ -291,7 +323,8 @@ def apply_steps(halves, links, rows, used, free, step, sigma2, limits):
         count, _ = ring(halves, links, v, fan)
         if count == 0:
             continue
-        before = fan_quality(rows, halves, fan, count, sigma2)
+        gather_star(halves, rows, fan, count, star)
+        before = star_quality(rows, halves, fan, count, star, sigma2)
         for k in range(3):
             start[k] = rows[v, k]
         scale = 1.0
@@ -301,7 +334,7 @@ def apply_steps(halves, links, rows, used, free, step, sigma2, limits):
             for k in range(3):
                 rows[v, k] = start[k] + scale * step[v, k]
             if scale == 0.0 or no_worse(
-                fan_quality(rows, halves, fan, count, sigma2), before, limits
+                star_quality(rows, halves, fan, count, star, sigma2), before, limits
             ):
                 break
             scale *= 0.5
@@ -318,7 +351,7 @@ def refresh_feet(links, rows, used, free, reference):
         if not free[r]:
             continue
         x, y, z = rows[r, 0], rows[r, 1], rows[r, 2]
-        t, v, w, _ = closest(reference, x, y, z, links[r, HINT])
+        t, v, w, _ = near(reference, x, y, z, links[r, HINT])
         point_and_normal(reference, t, v, w, point)
         links[r, HINT] = t
         rows[r, OFFSET] = (

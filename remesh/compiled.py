@@ -9,3 +9,5 @@ OPTIONS = {
     "error_model": "numpy",
 }
 kernel = njit(**OPTIONS)
+
+inlined = njit(inline="always", **OPTIONS)  # for small functions whose arrays are dear to pass on

@@ -9,7 +9,7 @@ from remesh.adjust import free_rows, refresh_feet, take_steps
 from remesh.compiled import kernel
 from remesh.connectivity import HINT, ROWS
 from remesh.embedding import triangle_normal
-from remesh.nearest import closest
+from remesh.nearest import near
 
 CLEAR_GAP = 4e-3  # of the mean edge: beyond it the gap itself gives the direction
 SAME_SIDE = 0.7
@@ -160,7 +160,7 @@ def triangle_gaps(reference, rows, corners, hints, samples, own, clear_gap, norm
             x = u * rows[a, 0] + v * rows[b, 0] + w * rows[c, 0]
             y = u * rows[a, 1] + v * rows[b, 1] + w * rows[c, 1]
             z = u * rows[a, 2] + v * rows[b, 2] + w * rows[c, 2]
-            hint, p, q, square = closest(reference, x, y, z, hint)
+            hint, p, q, square = near(reference, x, y, z, hint)
             d[0] = shape[hint, 0] + p * shape[hint, 3] + q * shape[hint, 6] - x
             d[1] = shape[hint, 1] + p * shape[hint, 4] + q * shape[hint, 7] - y
             d[2] = shape[hint, 2] + p * shape[hint, 5] + q * shape[hint, 8] - z

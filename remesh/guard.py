@@ -2,9 +2,9 @@
 
 import math
 
-from remesh.compiled import kernel
+from remesh.compiled import inlined, kernel
 from remesh.connectivity import CREASE, ORIGIN, TWIN, following, preceding
-from remesh.embedding import agreement, least_tangent, squared_length, squared_parts
+from remesh.embedding import least_tangent, squared_length, squared_parts
 
 
 @kernel
@@ -19,31 +19,68 @@ def squared_edge(rows, halves, h, sigma2):
 
 
 @kernel
-def fan_quality(rows, halves, fan, count, sigma2):
-    """Tangents of the least 6D and 3D angle, and least agreement with the normals, in a fan."""
-    tangent6, tangent3, normal = math.inf, math.inf, 1.0
-    last_centre, last_rim = -1, -1
-    position, turn = 0.0, 0.0
+def gather_star(halves, rows, fan, count, star):
+    """Write what stays the same of a fan's triangles while its centre moves.
+
+    star : (at least count, 14) float array
+        Position and normal of both other corners, and the squared distances of these.
+    """
     for i in range(count):
-        h = fan[i]
-        a, b, c = halves[h, ORIGIN], halves[following(h), ORIGIN], halves[preceding(h), ORIGIN]
-        if a != last_centre or b != last_rim:
-            position, turn = squared_parts(rows, a, b)
-        rim_position, rim_turn = squared_parts(rows, b, c)
-        next_position, next_turn = squared_parts(rows, c, a)
-        tangent3 = min(tangent3, least_tangent(position, rim_position, next_position))
-        if sigma2 > 0.0:
-            tangent = least_tangent(
-                position + sigma2 * turn,
-                rim_position + sigma2 * rim_turn,
-                next_position + sigma2 * next_turn,
-            )
-            tangent6 = min(tangent6, tangent)
-        normal = min(normal, agreement(rows, a, b, c))
-        last_centre, last_rim = a, c
-        position, turn = next_position, next_turn
+        b, c = halves[following(fan[i]), ORIGIN], halves[preceding(fan[i]), ORIGIN]
+        for k in range(6):
+            star[i, k] = rows[b, k]
+            star[i, 6 + k] = rows[c, k]
+        star[i, 12], star[i, 13] = squared_parts(rows, b, c)
+
+
+@inlined
+def spoke_parts(rows, a, star, i, first):
+    """Squared distances of positions and normals from a row to a corner in a star."""
+    position, turn = 0.0, 0.0
+    for k in range(3):
+        d = star[i, first + k] - rows[a, k]
+        position += d * d
+        d = star[i, first + 3 + k] - rows[a, 3 + k]
+        turn += d * d
+    return position, turn
+
+
+@inlined
+def star_triangle(rows, a, star, i, sigma2):
+    """Tangents of the least 6D and 3D angle of a triangle of a star, and its agreement.
+
+    a : row of the centre.
+    """
+    ux, uy, uz = star[i, 0] - rows[a, 0], star[i, 1] - rows[a, 1], star[i, 2] - rows[a, 2]
+    vx, vy, vz = star[i, 6] - rows[a, 0], star[i, 7] - rows[a, 1], star[i, 8] - rows[a, 2]
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    area = math.sqrt(x * x + y * y + z * z)  # twice the triangle's
+    at_a = x * rows[a, 3] + y * rows[a, 4] + z * rows[a, 5]
+    at_b = x * star[i, 3] + y * star[i, 4] + z * star[i, 5]
+    at_c = x * star[i, 9] + y * star[i, 10] + z * star[i, 11]
+    normal = min(at_a, min(at_b, at_c)) / area if area > 0.0 else -1.0
+    first, first_turn = spoke_parts(rows, a, star, i, 0)
+    last, last_turn = spoke_parts(rows, a, star, i, 6)
+    rim = star[i, 12]
+    cosine = first + last + rim - 2.0 * min(rim, min(first, last))
+    tangent3 = 2.0 * area / cosine if cosine > 0.0 else 0.0
     if sigma2 <= 0.0:
-        tangent6 = tangent3
+        return tangent3, tangent3, normal
+    tangent6 = least_tangent(
+        first + sigma2 * first_turn, last + sigma2 * last_turn, rim + sigma2 * star[i, 13]
+    )
+    return tangent6, tangent3, normal
+
+
+@kernel
+def star_quality(rows, halves, fan, count, star, sigma2):
+    """Tangents of the least 6D and 3D angle, and least agreement with the normals, in a star."""
+    tangent6, tangent3, normal = math.inf, math.inf, 1.0
+    for i in range(count):
+        found = star_triangle(rows, halves[fan[i], ORIGIN], star, i, sigma2)
+        tangent6 = min(tangent6, found[0])
+        tangent3 = min(tangent3, found[1])
+        normal = min(normal, found[2])
     return tangent6, tangent3, normal
 
 
@@ -51,7 +88,7 @@ def fan_quality(rows, halves, fan, count, sigma2):
 def no_worse(after, before, limits):
     """Whether angles and agreement after a move reach their limits, or have not fallen.
 
-    `after` and `before` are what `fan_quality` returns; `limits` are `as_tangents`.
+    `after` and `before` are what `star_quality` returns; `limits` are `as_tangents`.
     """
     worse = False
     for k in range(3):

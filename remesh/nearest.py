@@ -22,18 +22,21 @@ import math
 
 import numpy as np
 
-from remesh.compiled import kernel
+from remesh.compiled import inlined, kernel
 
-NEAR = 0.5  # of a cell: hints within it need no walk
+MOST_CROSSINGS = 40
+INSIDE = 1.0 - 1e-12  # barycentric sum below which a point is not on the far edge
+SAME_DISTANCE = 1.0 + 1e-9
+NEAR = 0.25  # of a cell: a walk that ends farther off is not trusted
 
 
-@kernel
+@inlined
 def clipped(x):
     """x limited to [0, 1]."""
     return min(max(x, 0.0), 1.0)
 
 
-@kernel
+@inlined
 def triangle_distance(corners, t, x, y, z):
     """Closest point of triangle t as barycentric (v, w), and the squared distance to it."""
     px, py, pz = x - corners[t, 0], y - corners[t, 1], z - corners[t, 2]
@@ -65,26 +68,44 @@ def triangle_distance(corners, t, x, y, z):
 
 
 @kernel
+def walk(reference, x, y, z, hint):
+    """Triangle reached from `hint` by crossing edges towards a point: (t, v, w, distance^2).
+
+    The walk stays in its patch and goes round a vertex where that is nearest. It ends at a local
+    minimum of the distance, which is the nearest point of all for steps along the surface that
+    are short compared with its curvature.
+    """
+    corners, sides = reference[0], reference[2]
+    nearest, here, before = hint, hint, -1
+    v, w, least = triangle_distance(corners, hint, x, y, z)
+    best_v, best_w, distance = v, w, least
+    for _ in range(MOST_CROSSINGS):
+        after, after_v, after_w, square = -1, 0.0, 0.0, math.inf
+        for k in range(3):
+            crossed = (w <= 0.0) if k == 0 else (v + w >= INSIDE if k == 1 else v <= 0.0)
+            t = sides[here, k] if crossed else -1
+            if t >= 0 and t != before:
+                trial_v, trial_w, trial = triangle_distance(corners, t, x, y, z)
+                if trial < square:
+                    after, after_v, after_w, square = t, trial_v, trial_w, trial
+        if after < 0 or square > SAME_DISTANCE * distance:
+            break
+        before, here, v, w, distance = here, after, after_v, after_w, square
+        if square < least:
+            nearest, best_v, best_w, least = here, v, w, square
+    return nearest, best_v, best_w, least
+
+
+@kernel
 def closest(reference, x, y, z, hint):
     """Nearest triangle of the patch of `hint`, barycentric (v, w) on it, squared distance.
 
-    The hint, or a walk over neighbours from a far hint, gives a bound; the cells within that
-    bound make it exact.
+    A walk from the hint gives a bound; the cells within that bound make it exact.
     """
     corners, _, sides, cell_start, cell_triangles, cell_boxes, grid = reference
-    nearest = hint
-    best_v, best_w, least = triangle_distance(corners, hint, x, y, z)
-    size = grid[3]
-    here = nearest if least < NEAR * NEAR * size * size else -1
-    while here != nearest:
-        here = nearest
-        for k in range(3):
-            t = sides[here, k]
-            if t >= 0:
-                v, w, square = triangle_distance(corners, t, x, y, z)
-                if square < least:
-                    least, nearest, best_v, best_w = square, t, v, w
+    nearest, best_v, best_w, least = walk(reference, x, y, z, hint)
     patch = sides[hint, 3]
+    size = grid[3]
     radius = math.sqrt(least)
     px, py, pz = x - grid[0], y - grid[1], z - grid[2]
     ny, nz = int(grid[5]), int(grid[6])
@@ -110,6 +131,16 @@ def closest(reference, x, y, z, hint):
 
 
 @kernel
+def near(reference, x, y, z, hint):
+    """What `walk` finds, or `closest` where that is far off."""
+    t, v, w, square = walk(reference, x, y, z, hint)
+    trusted = NEAR * reference[6][3]
+    if square > trusted * trusted:
+        return closest(reference, x, y, z, t)
+    return t, v, w, square
+
+
+@kernel
 def point_and_normal(reference, t, v, w, out):
     """Write the point (v, w) of carrier triangle t and the normal interpolated there (6,)."""
     corners, normals = reference[0], reference[1]
@@ -128,11 +159,11 @@ def point_and_normal(reference, t, v, w, out):
 
 @kernel
 def place(reference, x, y, z, hint, offset, out):
-    """Point of the carrier nearest to (x, y, z), moved by `offset` along the normal there.
+    """Point of the carrier near (x, y, z), moved by `offset` along the normal there.
 
     Writes position and normal to `out` (6,), returns the carrier's triangle.
     """
-    t, v, w, _ = closest(reference, x, y, z, hint)
+    t, v, w, _ = near(reference, x, y, z, hint)
     point_and_normal(reference, t, v, w, out)
     for k in range(3):
         out[k] += offset * out[3 + k]

@@ -15,34 +15,38 @@ from remesh.connectivity import (
     PARAMETER,
     ROWS,
     following,
-    preceding,
     ring,
 )
-from remesh.embedding import DEGREES, agreement, least_tangent, squared_length, squared_parts
-from remesh.guard import fan_quality
+from remesh.embedding import degrees_of
+from remesh.guard import gather_star, spoke_parts, star_quality, star_triangle
 from remesh.moves import curve_neighbours, move_inside, restore_vertex, save_vertex, slide
 
 BARRIER = 1e3
-DOUBLINGS = 3
+DOUBLINGS = 2
+GROWTH, SHRINKAGE = 1.2, 0.5
+LONGEST_STEP, SHORTEST_STEP = 0.3, 0.004  # of the mean edge at a vertex
+TURN_PER_ROW, TURN_PER_SWEEP = 2.4, 1.9  # [radians], so that directions differ
 
 
 def optimise_vertices(
-    work, sigma, step, power=2, least_angle3=0.0, weight3=0.0, least_agreement=0.3,
-    only_below=180.0, directions=8,
+    work, sigma, steps, power=2, least_angle3=0.0, weight3=0.0, least_agreement=0.3,
+    only_below=180.0, sweeps=1, directions=4, hold=None, hold_weight=0.0,
 ):  # fmt: skip
     """Search around each vertex for a place with better triangles; return (moved, visited).
 
-    The cost of a fan is sum ((60 - angle6) / 30)^power + weight3 * sum (least_angle3 - angle3)+^2,
-    with a barrier where a triangle agrees less than asked with the surface's normals.
+    The cost of a star is sum ((60 - angle6) / 30)^power + weight3 * sum (least_angle3 - angle3)+^2,
+    with a barrier where a triangle agrees less than asked with the surface's normals. The first
+    better place is taken. Each vertex has a step of its own, which grows with success and shrinks
+    without; a vertex whose step has become too short rests until a neighbour moves.
 
     Parameters
     ----------
     work : WorkMesh
     sigma : float [unit of the points]
         Of the angles in the cost.
-    step : float
-        First step, in units of the shortest edge at the vertex.
-    power : 2, 4 or 8
+    steps : float or (n,) float array
+        Step of every row, in units of the mean edge at its vertex; an array is updated.
+    power : 1, 2, 4 or 8
         High powers improve the worst angles at the others' cost.
     least_angle3, weight3 : float [degrees], float
         3D angles below this are penalised too.
@@ -51,65 +55,77 @@ def optimise_vertices(
     only_below : float [degrees]
         Visit only vertices with a 6D angle below this around them (or a 3D angle or agreement
         below the bounds above).
+    sweeps : int
+        Passes over all vertices in index order; `moved` and `visited` are those of the last.
     directions : int
         Of the search in the tangent plane (2 on a curve).
     """
     settings = np.array([sigma**2, power, least_angle3, weight3, least_agreement], float)
+    if np.ndim(steps) == 0:
+        steps = np.full(len(work.links), float(steps))
+    if hold is None:
+        hold = np.zeros((len(work.links), 9))
     return sweep_search(
-        work.halves, work.links, work.rows, work.counts, settings, step, only_below, directions,
-        work.carrier.reference, work.curves,
+        work.halves, work.links, work.rows, work.counts, settings, steps, only_below, sweeps,
+        directions, hold, hold_weight, work.carrier.reference, work.curves,
     )  # fmt: skip
 
 
 @kernel
-def fan_cost(rows, halves, fan, count, settings, bound):
+def star_cost(rows, halves, fan, count, star, settings, bound):
     """Cost of the triangles around a vertex (see `optimise_vertices`); stops above `bound`."""
     sigma2, power, least3, weight3, least_agreement = settings
     cost = 0.0
-    last_centre, last_rim = -1, -1
-    position, turn = 0.0, 0.0
     for i in range(count):
-        h = fan[i]
-        a, b, c = halves[h, ORIGIN], halves[following(h), ORIGIN], halves[preceding(h), ORIGIN]
-        if a != last_centre or b != last_rim:
-            position, turn = squared_parts(rows, a, b)
-        rim_position, rim_turn = squared_parts(rows, b, c)
-        next_position, next_turn = squared_parts(rows, c, a)
-        tangent = least_tangent(
-            position + sigma2 * turn,
-            rim_position + sigma2 * rim_turn,
-            next_position + sigma2 * next_turn,
-        )
-        x = 2.0 - DEGREES / 30.0 * math.atan(tangent)
-        x *= x
+        tangent6, tangent3, normal = star_triangle(rows, halves[fan[i], ORIGIN], star, i, sigma2)
+        x = 2.0 - degrees_of(tangent6) / 30.0
+        if power > 1.0:
+            x *= x
         if power > 2.0:
             x *= x
         if power > 4.0:
             x *= x
         cost += x
         if weight3 > 0.0:
-            tangent = least_tangent(position, rim_position, next_position)
-            y = least3 - DEGREES * math.atan(tangent)
+            y = least3 - degrees_of(tangent3)
             if y > 0.0:
                 cost += weight3 * y * y
-        z = least_agreement - agreement(rows, a, b, c)
+        z = least_agreement - normal
         if z > 0.0:
             cost += BARRIER * z
         if cost >= bound:
             return cost
-        last_centre, last_rim = a, c
-        position, turn = next_position, next_turn
     return cost
 
 
 @kernel
-def wants_search(rows, halves, fan, count, settings, only_below):
-    """Whether a fan has a triangle below the bounds of the search."""
+def held_cost(rows, v, hold, weight):
+    """Weight times the quadratic form of a vertex's displacement from where a fit put it."""
+    if weight == 0.0:
+        return 0.0
+    x, y, z = rows[v, 0] - hold[v, 0], rows[v, 1] - hold[v, 1], rows[v, 2] - hold[v, 2]
+    square = hold[v, 3] * x * x + hold[v, 4] * y * y + hold[v, 5] * z * z
+    mixed = hold[v, 6] * x * y + hold[v, 7] * y * z + hold[v, 8] * z * x
+    return weight * (square + 2.0 * mixed)
+
+
+@kernel
+def wants_search(rows, halves, fan, count, star, settings, only_below):
+    """Whether a star has a triangle below the bounds of the search."""
     if only_below >= 60.0:
         return True
-    tangent6, tangent3, normal = fan_quality(rows, halves, fan, count, settings[0])
-    bad3 = settings[3] > 0.0 and DEGREES * math.atan(tangent3) < settings[2]
-    return DEGREES * math.atan(tangent6) < only_below or bad3 or normal < settings[4]
+    tangent6, tangent3, normal = star_quality(rows, halves, fan, count, star, settings[0])
+    bad3 = settings[3] > 0.0 and degrees_of(tangent3) < settings[2]
+    return degrees_of(tangent6) < only_below or bad3 or normal < settings[4]
+
+
+@kernel
+def mean_edge(rows, halves, fan, count, star):
+    """Root mean square of the lengths of the edges at the centre of a star."""
+    total = 0.0
+    for i in range(count):
+        total += spoke_parts(rows, halves[fan[i], ORIGIN], star, i, 0)[0]
+    return math.sqrt(total / count)
 
 
 @kernel
@@ -130,8 +146,8 @@ def tangent_frame(rows, v, frame):
 
 @kernel
 def try_move(
-    halves, links, rows, v, fan, count, on_curve, saved, shift, scale, settings, bound,
-    reference, curves, point,
+    halves, links, rows, v, fan, count, star, on_curve, saved, shift, scale, settings, bound,
+    hold, hold_weight, reference, curves, point,
 ):  # fmt: skip
     """Move a vertex by scale * shift (on a curve: shift[0] in the parameter); return the cost."""
     if on_curve:
@@ -139,70 +155,79 @@ def try_move(
         slide(halves, links, rows, v, fan, count, parameter, curves, point)
     else:
         move_inside(rows, links, v, saved[0], shift, scale, reference, point)
-    return fan_cost(rows, halves, fan, count, settings, bound)
+    cost = held_cost(rows, v, hold, hold_weight)
+    if cost >= bound:
+        return cost
+    return cost + star_cost(rows, halves, fan, count, star, settings, bound - cost)
+
+
+@kernel
+def wake_neighbours(halves, links, fan, count, steps):
+    """Let the vertices around a moved one search again."""
+    for i in range(count):
+        u = links[halves[following(fan[i]), ORIGIN], BASE]
+        steps[u] = max(steps[u], 2.0 * SHORTEST_STEP)
 
 
 @kernel
 def sweep_search(
-    halves, links, rows, counts, settings, step, only_below, directions, reference, curves
-):
-    """One pass of the pattern search in index order; returns (moved, visited)."""
-    fan = np.empty(MAX_RING, np.int64)
-    shift, chosen, point, four = np.empty(3), np.empty(3), np.empty(9), np.empty(4)
+    halves, links, rows, counts, settings, steps, only_below, sweeps, directions, hold,
+    hold_weight, reference, curves,
+):  # fmt: skip
+    """Passes of the pattern search in index order; returns (moved, visited) of the last."""
+    fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
+    shift, point, four, frame = np.empty(3), np.empty(9), np.empty(4), np.empty((2, 3))
     saved, saved_hints = np.empty((2, 8)), np.empty(2, np.int64)
     best_rows, best_hints = np.empty((2, 8)), np.empty(2, np.int64)
-    frame = np.empty((2, 3))
     moved, visited = 0, 0
-    for v in range(counts[ROWS]):
-        if links[v, BASE] != v or links[v, KIND] == CORNER:
-            continue
-        count, closed = ring(halves, links, v, fan)
-        if count == 0 or not wants_search(rows, halves, fan, count, settings, only_below):
-            continue
-        visited += 1
-        on_curve = links[v, KIND] == CURVE
-        if on_curve and not curve_neighbours(
-            halves, links, rows, v, fan, count, closed, 0.0, curves, four
-        ):
-            continue
-        start = fan_cost(rows, halves, fan, count, settings, math.inf)
-        save_vertex(rows, links, v, saved, saved_hints)
-        save_vertex(rows, links, v, best_rows, best_hints)
-        best = start
-        shortest2 = math.inf
-        for i in range(count):
-            shortest2 = min(
-                shortest2, squared_length(rows, halves[fan[i], ORIGIN],
-                                          halves[following(fan[i]), ORIGIN], 0.0)
-            )  # fmt: skip
-        size = step * math.sqrt(shortest2)
-        tangent_frame(rows, v, frame)
-        for i in range(2 if on_curve else directions):
-            turn = 2.0 * math.pi * i / directions + 0.5 * v
-            for k in range(3):
-                shift[k] = size * (math.cos(turn) * frame[0, k] + math.sin(turn) * frame[1, k])
-            if on_curve:
-                shift[0] = size if i == 0 else -size
-            cost = try_move(
-                halves, links, rows, v, fan, count, on_curve, saved, shift, 1.0, settings,
-                best, reference, curves, point,
-            )  # fmt: skip
-            if cost < best:
-                best = cost
-                chosen[:] = shift
-                save_vertex(rows, links, v, best_rows, best_hints)
-        scale = 2.0
-        for _ in range(DOUBLINGS if best < start else 0):
-            cost = try_move(
-                halves, links, rows, v, fan, count, on_curve, saved, chosen, scale, settings,
-                best, reference, curves, point,
-            )  # fmt: skip
-            if cost >= best:
-                break
-            best = cost
-            save_vertex(rows, links, v, best_rows, best_hints)
-            scale *= 2.0
-        if best < start:
-            moved += 1
-        restore_vertex(rows, links, v, best_rows, best_hints)
+    for sweep in range(sweeps):
+        moved, visited = 0, 0
+        for v in range(counts[ROWS]):
+            if links[v, BASE] != v or links[v, KIND] == CORNER or steps[v] < SHORTEST_STEP:
+                continue
+            count, closed = ring(halves, links, v, fan)
+            if count == 0:
+                continue
+            gather_star(halves, rows, fan, count, star)
+            if not wants_search(rows, halves, fan, count, star, settings, only_below):
+                continue
+            on_curve = links[v, KIND] == CURVE
+            if on_curve and not curve_neighbours(
+                halves, links, rows, v, fan, count, closed, 0.0, curves, four
+            ):
+                continue
+            visited += 1
+            best = held_cost(rows, v, hold, hold_weight)
+            best += star_cost(rows, halves, fan, count, star, settings, math.inf)
+            save_vertex(rows, links, v, saved, saved_hints)
+            size = steps[v] * mean_edge(rows, halves, fan, count, star)
+            tangent_frame(rows, v, frame)
+            success, scale = False, 1.0
+            for i in range(2 if on_curve else directions):
+                turn = 2.0 * math.pi * i / directions
+                turn += TURN_PER_ROW * v + TURN_PER_SWEEP * sweep
+                for k in range(3):
+                    shift[k] = size * (math.cos(turn) * frame[0, k] + math.sin(turn) * frame[1, k])
+                if on_curve:
+                    shift[0] = size if i == 0 else -size
+                for _ in range(DOUBLINGS + 1):
+                    cost = try_move(
+                        halves, links, rows, v, fan, count, star, on_curve, saved, shift, scale,
+                        settings, best, hold, hold_weight, reference, curves, point,
+                    )  # fmt: skip
+                    if cost >= best:
+                        break
+                    best, success = cost, True
+                    save_vertex(rows, links, v, best_rows, best_hints)
+                    scale *= 2.0
+                if success:
+                    break
+            if success:
+                restore_vertex(rows, links, v, best_rows, best_hints)
+                steps[v] = min(steps[v] * max(GROWTH, 0.5 * scale), LONGEST_STEP)
+                wake_neighbours(halves, links, fan, count, steps)
+                moved += 1
+            else:
+                restore_vertex(rows, links, v, saved, saved_hints)
+                steps[v] *= SHRINKAGE
     return moved, visited

@@ -12,7 +12,8 @@ from remesh.smooth import AREA, UNIFORM
 from remesh.sweeps import FIRST_LENGTH, PliantLoop, length_for_count
 from remesh.tips import keep_tips
 
-LAST_AGREEMENT, LAST_TANGENTIAL = 0.2, 0.03
+LAST_AGREEMENT = 0.2
+FIRST_STEP, WORST_STEP = 0.08, 0.15  # of the mean edge at a vertex
 
 
 @dataclass(frozen=True)
@@ -37,18 +38,23 @@ class Recipe:
         Its weight in the cost of the general search.
     loop_least3 : float [degrees]
         3D angle below which the loop makes no triangle.
-    search_steps : tuple of float
-        First steps of the general search.
+    first_search, later_search : tuple of int
+        Sweeps of the searches before and between the fits, each number followed by flips.
     fits : tuple of float
         Tangential damping of each point-to-plane fit.
+    hold : float
+        Weight of the gaps' growth in the searches after fits: 1 lets a vertex that adds the mean
+        gap turn one triangle from 30 to 60 degrees.
+    last_fit : float
+        Tangential damping of the last fit; 0 for one along the normals alone.
     ridge : float
         Weight of offset differences across edges in the fits.
     order : int
         Samples per triangle: order^2.
     delaunay_rounds : int
         Last rounds of the loop that flip for angles instead of valences.
-    last_step : float
-        First step of a last search by the surface's own normals; 0 for none.
+    last_search : tuple of int
+        Sweeps of a last search by the surface's own normals; empty for none.
     """
 
     sigma: float
@@ -60,12 +66,15 @@ class Recipe:
     least3: float = 38.0
     weight3: float = 0.0
     loop_least3: float = 8.0
-    search_steps: tuple = (0.15, 0.08, 0.05)
+    first_search: tuple = (2, 2, 6)
+    later_search: tuple = (6,)
     fits: tuple = (0.05, 0.03)
+    hold: float = 0.2
+    last_fit: float = 0.0
     ridge: float = 0.0
     order: int = 2
     delaunay_rounds: int = 2
-    last_step: float = 0.0
+    last_search: tuple = ()
 
     @property
     def embedded(self):
@@ -89,19 +98,13 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
     work.compact()
     gaps.settle(work)
     if settings.fit:
-        fit_vertices(
-            work, gaps, recipe.final_sigma, (0.0, 0.0, recipe.agreement), ridge=recipe.ridge,
-            order=recipe.order, normal_only=True,
-        )  # fmt: skip
+        fit_offsets(work, gaps, recipe)
         progress("fit", 0.3)
     if settings.optimise:
-        for step in recipe.search_steps:
-            general_search(work, recipe, step)
+        general_search(work, recipe, recipe.first_search)
         progress("optimise", 0.5)
     if settings.fit:
         fit_and_search(work, gaps, recipe, settings.optimise)
-        if recipe.last_step > 0.0 and settings.optimise:
-            adapt_to_surface(work, gaps, recipe)
         progress("fit", 1.0)
     if settings.optimise:
         improve_worst(work, recipe)
@@ -118,60 +121,71 @@ def tip_length(work, recipe, length, vertices):
     return length / np.sqrt(1.0 + (recipe.final_sigma / length) ** 2)
 
 
-def general_search(work, recipe, step, directions=8, passes=3):
-    """Improve all angles by pattern search, then flip for angles."""
-    optimise_vertices(
-        work, recipe.final_sigma, step, 2, recipe.least3, recipe.weight3, recipe.agreement,
-        directions=directions,
-    )  # fmt: skip
+def general_search(work, recipe, sweeps, agreement=None, hold=None):
+    """Improve all angles by pattern search, with flips after each of the numbers of sweeps.
+
+    hold : (n, 9) float array, optional
+        What the last fit returned: the search then minds how far it moves from there.
+    """
+    agreement = recipe.agreement if agreement is None else agreement
+    steps = np.full(len(work.links), FIRST_STEP)
     guard3 = recipe.loop_least3 if recipe.embedded else 0.0
-    flip_edges(work, recipe.final_sigma, (20.0, guard3, recipe.agreement), DELAUNAY, passes)
+    for count in sweeps:
+        optimise_vertices(
+            work, recipe.final_sigma, steps, 2, recipe.least3, recipe.weight3, agreement,
+            sweeps=count, hold=hold, hold_weight=recipe.hold,
+        )  # fmt: skip
+        flip_edges(work, recipe.final_sigma, (20.0, guard3, agreement), DELAUNAY, 3)
 
 
 def fit_and_search(work, gaps, recipe, search):
-    """Point-to-plane fits of the vertices, with a search between them."""
+    """Point-to-plane fits of the vertices, each followed by a search held to it; then offsets."""
     limits = (20.0 if recipe.embedded else 0.0, recipe.least3, recipe.agreement)
-    for i, tangential in enumerate(recipe.fits):
-        fit_vertices(work, gaps, recipe.final_sigma, limits, tangential, recipe.ridge, recipe.order)
-        if search and i < len(recipe.fits) - 1:
-            general_search(work, recipe, 0.04, directions=6, passes=2)
+    for tangential in recipe.fits:
+        hold = fit_vertices(
+            work, gaps, recipe.final_sigma, limits, tangential, recipe.ridge, recipe.order
+        )
+        if search:
+            general_search(work, recipe, recipe.later_search, hold=hold)
+    if search and recipe.last_search:
+        adapt_to_surface(work, gaps, recipe, hold)
+    if search and recipe.last_fit > 0.0:
+        fit_vertices(
+            work, gaps, recipe.final_sigma, limits, recipe.last_fit, recipe.ridge, recipe.order
+        )
+    elif search:
+        fit_offsets(work, gaps, recipe)
 
 
-def adapt_to_surface(work, gaps, recipe):
-    """Flip and search by the surface's own normals, which a smoothed carrier lacks; fit again."""
+def fit_offsets(work, gaps, recipe):
+    """Fit the vertices along their normals alone."""
+    return fit_vertices(
+        work, gaps, recipe.final_sigma, (0.0, 0.0, recipe.agreement), ridge=recipe.ridge,
+        order=recipe.order, normal_only=True,
+    )  # fmt: skip
+
+
+def adapt_to_surface(work, gaps, recipe, hold):
+    """Flip and search by the surface's own normals, which a smoothed carrier lacks."""
 
     def search():
         limits = (20.0, recipe.loop_least3, LAST_AGREEMENT)
         flip_edges(work, recipe.final_sigma, limits, DELAUNAY, 4)
-        optimise_vertices(
-            work, recipe.final_sigma, recipe.last_step, 2, recipe.least3, recipe.weight3,
-            LAST_AGREEMENT, directions=6,
-        )  # fmt: skip
-        flip_edges(work, recipe.final_sigma, limits, DELAUNAY, 3)
+        general_search(work, recipe, recipe.last_search, LAST_AGREEMENT, hold=hold)
 
     gaps.on_surface(work, search)
-    limits = (20.0, recipe.least3, recipe.agreement)
-    fit_vertices(
-        work, gaps, recipe.final_sigma, limits, LAST_TANGENTIAL, recipe.ridge, recipe.order
-    )
 
 
-def improve_worst(work, recipe, rounds=10):
-    """Search around the few worst triangles alone, with shorter and shorter steps."""
-    step = 0.2
-    for _ in range(rounds):
-        if recipe.embedded:
-            moved, visited = optimise_vertices(
-                work, recipe.sigma, step, 2, recipe.least3, 20.0, recipe.agreement, 0.1
-            )
-        else:
-            moved, visited = optimise_vertices(
-                work, 0.0, step, 8, recipe.least3, 20.0, recipe.agreement, recipe.least3
-            )
-        if visited == 0:
-            break
-        if moved < 0.5 * visited:
-            step *= 0.6
+def improve_worst(work, recipe, sweeps=12):
+    """Search around the few worst triangles alone."""
+    if recipe.embedded:
+        optimise_vertices(
+            work, recipe.sigma, WORST_STEP, 2, recipe.least3, 20.0, recipe.agreement, 0.1, sweeps
+        )
+    else:
+        optimise_vertices(
+            work, 0.0, WORST_STEP, 8, recipe.least3, 20.0, recipe.agreement, recipe.least3, sweeps
+        )
 
 
 def choose_recipe(settings, mesh, jagged):
@@ -190,15 +204,15 @@ def choose_recipe(settings, mesh, jagged):
         if jagged:
             return Recipe(
                 settings.sigma, settings.sigma, AREA, least3=12.0, weight3=1.0,
-                fits=(0.05, 0.03, 0.03), ridge=0.17,
-                last_step=0.02,
+                fits=(0.02,), ridge=0.17, first_search=(2, 3),
+                later_search=(4,), last_search=(4,), hold=0.5, last_fit=0.06,
             )  # fmt: skip
         return Recipe(
             settings.sigma, settings.sigma, AREA, agreement=0.1, least3=12.0, weight3=1.0,
-            fits=(0.05, 0.03, 0.03), order=3,
+            fits=(0.02, 0.02, 0.02, 0.02), order=3,
         )  # fmt: skip
     if jagged:
-        return Recipe(0.0101 * size, 0.0, fits=(0.25,), ridge=0.03, delaunay_rounds=0)
+        return Recipe(0.0101 * size, 0.0, fits=(0.1,), ridge=0.03, delaunay_rounds=0)
     return Recipe(
         0.0229 * size, 0.0, short=0.72, long=1.38, agreement=0.1, fits=(0.2, 0.15), order=3
     )

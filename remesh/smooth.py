@@ -19,7 +19,7 @@ from remesh.connectivity import (
     ring,
 )
 from remesh.embedding import as_tangents, fourfold_area, squared_length, triangle_normal
-from remesh.guard import fan_quality, no_worse
+from remesh.guard import gather_star, no_worse, star_quality
 from remesh.moves import (
     curve_neighbours,
     move_inside,
@@ -148,7 +148,7 @@ def sweep_smoothing(
     reference, curves,
 ):  # fmt: skip
     """One Gauss-Seidel pass in index order; returns the number of vertices moved."""
-    fan = np.empty(MAX_RING, np.int64)
+    fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
     shift, point, four = np.empty(3), np.empty(9), np.empty(4)
     saved, saved_hints = np.empty((2, 8)), np.empty(2, np.int64)
     moved = 0
@@ -168,7 +168,8 @@ def sweep_smoothing(
             tangential_step(
                 halves, rows, v, fan, count, sigma2, weights, factor, target, clip, shift
             )
-        before = fan_quality(rows, halves, fan, count, sigma2)
+        gather_star(halves, rows, fan, count, star)
+        before = star_quality(rows, halves, fan, count, star, sigma2)
         save_vertex(rows, links, v, saved, saved_hints)
         scale, accepted = 1.0, False
         for _ in range(TRIALS):
@@ -177,7 +178,7 @@ def sweep_smoothing(
                 slide(halves, links, rows, v, fan, count, parameter, curves, point)
             else:
                 move_inside(rows, links, v, saved[0], shift, scale, reference, point)
-            if no_worse(fan_quality(rows, halves, fan, count, sigma2), before, limits):
+            if no_worse(star_quality(rows, halves, fan, count, star, sigma2), before, limits):
                 accepted = True
                 break
             scale *= SHORTER_STEP
