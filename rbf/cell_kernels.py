@@ -82,7 +82,7 @@ def neighbour_runs(key, reach, grid, run_start, run_end):
     runs, points : int
         Number of runs and of points in them.
     """
-    table_keys, table_columns, column_start, cell_z, cell_start = grid
+    table_keys, table_columns, column_start, cell_z, cell_start, _ = grid
     x, y, z = key >> 42, (key >> 21) & LARGEST_INDEX, key & LARGEST_INDEX
     runs, total = 0, 0
     for i in range(x - reach, x + reach + 1):

@@ -1,8 +1,8 @@
 """Compiled loops of the evaluator: cells of queries against the centres around them.
 
-The centres within a support radius of a cell's queries are copied into contiguous arrays once;
-then each query runs over them without a branch. A cell writes to its own queries only, so that
-the result does not depend on the number of threads.
+The centres within a support radius of a cell's queries are listed and copied into contiguous arrays
+once; then each query runs over them without a branch. The iterations of a fit keep the lists. A
+cell writes to its own queries only, so that the result does not depend on the number of threads.
 """
 
 import numpy as np
@@ -12,6 +12,7 @@ from rbf.cell_kernels import MAX_RUNS, OUTSIDE, REACH, neighbour_runs
 from rbf.sum_kernels import value_and_gradient
 
 OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+UNSIGNED = np.uint64  # loops over unsigned indices vectorise: they need no wrapping
 LANES = 8  # the gathered arrays are padded to a multiple of this
 FAR = 1e3  # where padding centres lie, in support radii
 
@@ -28,42 +29,92 @@ def bounding_box(points, order, first, last, box):
 
 
 @njit(**OPTIONS)
-def gather(key, reach, box, radius, centres, grid):
-    """Copy the centres nearer than `radius` to a box, relative to the box's middle.
+def middle(box, axis):
+    """Middle of a box (2, 3) along an axis."""
+    return 0.5 * (box[0, axis] + box[1, axis])
+
+
+@njit(**OPTIONS)
+def list_near(key, reach, box, radius, grid):
+    """Numbers (k,) of the centres nearer than `radius` to a box, in the cells within `reach`."""
+    run_start, run_end = np.empty(MAX_RUNS, np.int64), np.empty(MAX_RUNS, np.int64)
+    runs, total = neighbour_runs(key, reach, grid, run_start, run_end)
+    found, squared = np.empty(total + 1, np.int32), np.empty(total)
+    X, Y, Z = grid[-1][0], grid[-1][1], grid[-1][2]
+    ox, oy, oz = middle(box, 0), middle(box, 1), middle(box, 2)
+    hx, hy, hz = box[1, 0] - ox, box[1, 1] - oy, box[1, 2] - oz
+    count = UNSIGNED(0)
+    for run in range(runs):
+        start = UNSIGNED(run_start[run])
+        length = UNSIGNED(run_end[run] - run_start[run])
+        for j in range(length):
+            dx = max(abs(X[start + j] - ox) - hx, 0.0)
+            dy = max(abs(Y[start + j] - oy) - hy, 0.0)
+            dz = max(abs(Z[start + j] - oz) - hz, 0.0)
+            squared[j] = dx * dx + dy * dy + dz * dz
+        for j in range(length):
+            # written in any case and overwritten if too far: cheaper than a branch
+            found[count] = start + j
+            count += UNSIGNED(squared[j] < radius * radius)
+    return found[:count]
+
+
+@njit(**OPTIONS)
+def gather(chosen, box, centres):
+    """Copy centres, relative to the middle of a box, in rows.
 
     Returns
     -------
-    near : (7, m or more) float array
-    padded : int
-        Number of centres m, a multiple of LANES: the last ones may have weight 0 and lie far away.
+    near : (7, m) float array
+        m is a multiple of LANES: the last ones may have weight 0 and lie far away.
     """
-    run_start, run_end = np.empty(MAX_RUNS, np.int64), np.empty(MAX_RUNS, np.int64)
-    runs, total = neighbour_runs(key, reach, grid, run_start, run_end)
-    near = np.empty((7, total // LANES * LANES + LANES))
-    x0, y0, z0, x1, y1, z1 = box[0, 0], box[0, 1], box[0, 2], box[1, 0], box[1, 1], box[1, 2]
-    ox, oy, oz = 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1)
-    count = 0
-    for run in range(runs):
-        for j in range(run_start[run], run_end[run]):
-            x, y, z = centres[j, 0], centres[j, 1], centres[j, 2]
-            dx = max(x0 - x, x - x1, 0.0)
-            dy = max(y0 - y, y - y1, 0.0)
-            dz = max(z0 - z, z - z1, 0.0)
-            near[0, count], near[1, count], near[2, count] = x - ox, y - oy, z - oz
-            near[3, count], near[4, count] = centres[j, 3], centres[j, 4]
-            near[5, count], near[6, count] = centres[j, 5], centres[j, 6]
-            # copied in any case and overwritten if too far: cheaper than a branch
-            count += np.int64(dx * dx + dy * dy + dz * dz < radius * radius)
-    padded = (count + LANES - 1) // LANES * LANES
-    for j in range(count, padded):
-        near[0, j], near[1, j], near[2, j] = FAR, FAR, FAR
-        for k in range(3, 7):
-            near[k, j] = 0.0
-    return near, padded
+    size = chosen.size
+    padded = (size + LANES - 1) // LANES * LANES
+    near = np.empty((7, padded))
+    ox, oy, oz = middle(box, 0), middle(box, 1), middle(box, 2)
+    for k in range(size):
+        j = UNSIGNED(chosen[k])
+        near[0, k], near[1, k] = centres[j, 0] - ox, centres[j, 1] - oy
+        near[2, k], near[3, k] = centres[j, 2] - oz, centres[j, 3]
+        near[4, k], near[5, k], near[6, k] = centres[j, 4], centres[j, 5], centres[j, 6]
+    for k in range(size, padded):
+        near[0, k] = near[1, k] = near[2, k] = FAR
+        near[3, k] = near[4, k] = near[5, k] = near[6, k] = 0.0
+    return near
 
 
 @njit(parallel=True, **OPTIONS)
-def evaluate(points, order, keys, starts, centres, grid, kernel, hermite, values, gradients):
+def list_cells(points, order, keys, starts, grid, list_start, lists):
+    """`list_near` of all cells; parameters as in `evaluate`.
+
+    To be called twice: with empty `lists` it writes how many centres cell i has into
+    list_start[i + 1]; with `lists` it fills lists[list_start[i]:list_start[i + 1]].
+    """
+    for cell in prange(keys.size):
+        box = np.empty((2, 3))
+        bounding_box(points, order, starts[cell], starts[cell + 1], box)
+        found = list_near(keys[cell], np.int64(REACH), box, 1.0, grid)
+        if lists.size == 0:
+            list_start[cell + 1] = found.size
+        else:
+            lists[list_start[cell] : list_start[cell + 1]] = found
+
+
+@njit(parallel=True, **OPTIONS)
+def evaluate(
+    points,
+    order,
+    keys,
+    starts,
+    centres,
+    grid,
+    list_start,
+    lists,
+    kernel,
+    hermite,
+    values,
+    gradients,
+):
     """S and its gradient at points (n, 3) binned in cells; NaN outside the support.
 
     Parameters
@@ -76,6 +127,8 @@ def evaluate(points, order, keys, starts, centres, grid, kernel, hermite, values
         x, y, z, a, b of the centres, in the grid's order.
     grid : tuple
         `CellGrid.arrays` of the centres.
+    list_start, lists : int64 and int32 arrays
+        From `list_cells`, or empty: then the centres near a cell are looked for.
     kernel : int
         k of Wendland's phi_{3,k}.
     hermite : bool
@@ -91,22 +144,17 @@ def evaluate(points, order, keys, starts, centres, grid, kernel, hermite, values
             continue
         box = np.empty((2, 3))
         bounding_box(points, order, first, last, box)
-        near, m = gather(keys[cell], np.int64(REACH), box, 1.0, centres, grid)
-        ox, oy, oz = (
-            0.5 * (box[0, 0] + box[1, 0]),
-            0.5 * (box[0, 1] + box[1, 1]),
-            0.5 * (box[0, 2] + box[1, 2]),
-        )
+        if lists.size > 0:
+            chosen = lists[list_start[cell] : list_start[cell + 1]]
+        else:
+            chosen = list_near(keys[cell], np.int64(REACH), box, 1.0, grid)
+        near = gather(chosen, box, centres)
+        ox, oy, oz = middle(box, 0), middle(box, 1), middle(box, 2)
         for q in range(first, last):
             p = order[q]
+            x, y, z = points[p, 0] - ox, points[p, 1] - oy, points[p, 2] - oz
             v, gx, gy, gz, support = value_and_gradient(
-                kernel,
-                hermite,
-                m,
-                near,
-                points[p, 0] - ox,
-                points[p, 1] - oy,
-                points[p, 2] - oz,
+                kernel, hermite, near.shape[1], near, x, y, z
             )
             if support > 0.0:
                 values[p] = v

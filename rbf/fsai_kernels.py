@@ -14,7 +14,10 @@ from rbf.kernels import wendland_chain, wendland_value
 
 OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 SUMS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz", "reassoc"}}
-LANES = 16  # rows are padded to a multiple of this
+LANES = 8  # rows are padded to a multiple of this
+PANEL = 4  # rows that are eliminated at once
+# Loops over unsigned indices vectorise; a signed one that might be negative would be wrapped.
+UNSIGNED = np.uint64
 SMALLEST_PIVOT = 1e-13  # diagonal entries are about 1: a pivot below this is noise
 
 
@@ -75,25 +78,27 @@ def _insert(j, distance, chosen, distances, count):
 
 @njit(**OPTIONS)
 def _hermite_matrix(order, scale, ridge, positions, normals, chosen, block):
-    """Upper triangle of the block of Hermite sites (2 x 2 each); lengths in supports."""
+    """The block of Hermite sites (2 x 2 each), above the diagonal at least; lengths in supports."""
+    near = np.empty((6, chosen.size))
     for a in range(chosen.size):
-        i = chosen[a]
+        for axis in range(3):
+            near[axis, a] = positions[chosen[a], axis]
+            near[3 + axis, a] = normals[chosen[a], axis]
+    X, Y, Z, NX, NY, NZ = near[0], near[1], near[2], near[3], near[4], near[5]
+    for a in range(chosen.size):
+        x, y, z, nx, ny, nz = X[a], Y[a], Z[a], NX[a], NY[a], NZ[a]
+        upper, lower = block[2 * a], block[2 * a + 1]
         for b in range(a, chosen.size):
-            j = chosen[b]
-            dx = positions[i, 0] - positions[j, 0]
-            dy = positions[i, 1] - positions[j, 1]
-            dz = positions[i, 2] - positions[j, 2]
+            dx, dy, dz = x - X[b], y - Y[b], z - Z[b]
             phi, f1, f2 = wendland_chain(order, np.sqrt(dx * dx + dy * dy + dz * dz))
-            di = normals[i, 0] * dx + normals[i, 1] * dy + normals[i, 2] * dz
-            dj = normals[j, 0] * dx + normals[j, 1] * dy + normals[j, 2] * dz
-            nn = 0.0
-            for axis in range(3):
-                nn += normals[i, axis] * normals[j, axis]
-            block[2 * a, 2 * b] = phi
-            block[2 * a, 2 * b + 1] = -scale * f1 * dj
-            block[2 * a + 1, 2 * b] = scale * f1 * di
-            block[2 * a + 1, 2 * b + 1] = -scale * scale * (f1 * nn + f2 * di * dj)
-        block[2 * a, 2 * a] += ridge[i]
+            di = nx * dx + ny * dy + nz * dz
+            dj = NX[b] * dx + NY[b] * dy + NZ[b] * dz
+            nn = nx * NX[b] + ny * NY[b] + nz * NZ[b]
+            upper[2 * b] = phi
+            upper[2 * b + 1] = -scale * f1 * dj
+            lower[2 * b] = scale * f1 * di
+            lower[2 * b + 1] = -scale * scale * (f1 * nn + f2 * di * dj)
+        upper[2 * a] += ridge[chosen[a]]
 
 
 @njit(**OPTIONS)
@@ -114,24 +119,35 @@ def _value_matrix(order, ridge, m, positions, chosen, block):
 def cholesky(block, size, width, inverse_diagonal):
     """Overwrite the upper triangle by U, U^T U = block; returns the number of bad pivots.
 
-    Rows run to `width` (a multiple of LANES; columns from `size` on must be 0) and begin at the
-    multiple of LANES at or below the diagonal, so that the loops fill vector registers; what they
-    leave below the diagonal is not used.
+    Rows run to `width` (a multiple of LANES; columns from `size` on must be 0) and begin at or
+    below the diagonal, so that the loops fill vector registers; what they leave below the diagonal
+    is not used. PANEL rows at a time are taken off the rows below them.
     """
-    bad = 0
-    for k in range(size):
-        pivot = block[k, k]
-        if not pivot > SMALLEST_PIVOT:
-            bad += 1
-            pivot = 1.0
-        inverse = 1.0 / np.sqrt(pivot)
-        inverse_diagonal[k] = inverse
-        for j in range(k // LANES * LANES, width):
-            block[k, j] *= inverse
-        for i in range(k + 1, size):
-            factor = block[k, i]
-            for j in range(i // LANES * LANES, width):
-                block[i, j] -= factor * block[k, j]
+    bad, end = 0, UNSIGNED(width)
+    for first in range(0, size, PANEL):
+        last = min(first + PANEL, size)
+        for k in range(first, last):
+            for p in range(first, k):
+                factor = block[p, k]
+                for j in range(UNSIGNED(first), end):
+                    block[k, j] -= factor * block[p, j]
+            pivot = block[k, k]
+            if not pivot > SMALLEST_PIVOT:
+                bad += 1
+                pivot = 1.0
+            inverse_diagonal[k] = 1.0 / np.sqrt(pivot)
+            for j in range(UNSIGNED(first), end):
+                block[k, j] *= inverse_diagonal[k]
+        for i in range(last, size):  # none after the last panel, which may be incomplete
+            wa, wb = block[first, i], block[first + 1, i]
+            wc, wd = block[first + 2, i], block[first + 3, i]
+            for j in range(UNSIGNED(i // LANES * LANES), end):
+                block[i, j] -= (
+                    wa * block[first, j]
+                    + wb * block[first + 1, j]
+                    + wc * block[first + 2, j]
+                    + wd * block[first + 3, j]
+                )
     return bad
 
 
@@ -143,10 +159,19 @@ def last_inverse_rows(block, size, wanted, inverse_diagonal, inverse):
             inverse[k, u] = 0.0
         if k >= size - wanted:
             inverse[k, k - (size - wanted)] = 1.0
-        for j in range(k + 1, size):
-            factor = block[k, j]
+        singles = k + 1 + (size - k - 1) % PANEL
+        for j in range(k + 1, singles):
             for u in range(inverse.shape[1]):
-                inverse[k, u] -= factor * inverse[j, u]
+                inverse[k, u] -= block[k, j] * inverse[j, u]
+        for j in range(singles, size, PANEL):
+            wa, wb, wc, wd = block[k, j], block[k, j + 1], block[k, j + 2], block[k, j + 3]
+            for u in range(inverse.shape[1]):
+                inverse[k, u] -= (
+                    wa * inverse[j, u]
+                    + wb * inverse[j + 1, u]
+                    + wc * inverse[j + 2, u]
+                    + wd * inverse[j + 3, u]
+                )
         for u in range(inverse.shape[1]):
             inverse[k, u] *= inverse_diagonal[k]
 
@@ -204,20 +229,21 @@ def apply_rows(m, group_start, columns, counts, offsets, entries, x, products, p
     """
     for group in prange(counts.size):
         size = counts[group] * m
-        local = np.empty(size)
+        local = np.empty(size, np.float32)
         for a in range(counts[group]):
             for v in range(m):
                 local[a * m + v] = x[columns[group, a], v]
-        place = product_start[group]
-        for k in range(size):
+        place, entry = UNSIGNED(product_start[group]), UNSIGNED(offsets[group])
+        width = UNSIGNED(size)
+        for k in range(width):
             products[place + k] = 0.0
-        for u in range((group_start[group + 1] - group_start[group]) * m):
-            row = offsets[group] + u * size
-            total = 0.0
-            for k in range(size):
-                total += entries[row + k] * local[k]
-            for k in range(size):
-                products[place + k] += entries[row + k] * total
+        for _ in range((group_start[group + 1] - group_start[group]) * m):
+            total = np.float32(0.0)
+            for k in range(width):
+                total += entries[entry + k] * local[k]
+            for k in range(width):
+                products[place + k] += entries[entry + k] * total
+            entry += width
 
 
 @njit(**OPTIONS)

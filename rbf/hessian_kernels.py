@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit, prange
 
 from rbf.cell_kernels import OUTSIDE, REACH
-from rbf.evaluate_kernels import bounding_box, gather
+from rbf.evaluate_kernels import bounding_box, gather, list_near
 from rbf.kernels import C2, C4
 
 SUMS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz", "reassoc"}}
@@ -70,10 +70,11 @@ def hessians(points, order, keys, starts, centres, grid, kernel, results):
             continue
         box = np.empty((2, 3))
         bounding_box(points, order, first, last, box)
-        near, m = gather(keys[cell], np.int64(REACH), box, 1.0, centres, grid)
+        chosen = list_near(keys[cell], np.int64(REACH), box, 1.0, grid)
+        near = gather(chosen, box, centres)
         origin = 0.5 * (box[0] + box[1])
         for q in range(first, last):
             p = order[q]
             x = points[p] - origin
-            if not _hessian(kernel, m, near, x[0], x[1], x[2], results[p]) > 0.0:
+            if not _hessian(kernel, near.shape[1], near, x[0], x[1], x[2], results[p]) > 0.0:
                 results[p] = np.nan

@@ -15,6 +15,7 @@ TOLERANCE = 1e-6  # of the projection, |S| in support radii
 LONGEST_STEP = 1.0 / 12.0  # of the projection, in support radii: half a spacing
 LEAST_SLOPE = 0.2  # a gradient flatter than this does not carry a step
 MOST_STEPS = 20
+NO_LISTS = np.empty(0, np.int64), np.empty(0, np.int32)
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,7 @@ class CompactInterpolant:
                 starts,
                 self._centres,
                 self._grid.arrays,
+                *NO_LISTS,
                 self.kernel.order,
                 self._hermite,
                 values,

@@ -13,8 +13,13 @@ def face_normals(points, faces):
     """Unit normals (m, 3) of triangles; 0 where a triangle has no area."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=1)
+    length = _lengths(normals)
     return normals / np.where(length > 0.0, length, 1.0)[:, None]
+
+
+def _lengths(vectors):
+    """Lengths (n,) of vectors (n, 3)."""
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
 
 
 def vertex_normals(mesh):
@@ -39,18 +44,20 @@ def vertex_normals(mesh):
 def weighted_normals(points, faces):
     """`vertex_normals` of arrays: points (n, 3), faces (m, 3)."""
     normals = face_normals(points, faces)
-    centroids = points[faces].mean(axis=1)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    centroids = (a + b + c) / 3.0
+    usable = normals.any(axis=1)
     total = np.zeros_like(points)
     scale = np.zeros(len(points))
-    for corner in faces.T:
-        distance = np.linalg.norm(points[corner] - centroids, axis=1)
+    for corner, place in zip(faces.T, (a, b, c)):
+        distance = _lengths(place - centroids)
         # a face shrunk to a point has no normal; its weight is then of no consequence
         weight = np.divide(1.0, distance, out=np.zeros_like(distance), where=distance > 0.0)
-        weight *= normals.any(axis=1)
+        weight *= usable
         scale += np.bincount(corner, weight, len(points))
         for axis in range(3):
             total[:, axis] += np.bincount(corner, weight * normals[:, axis], len(points))
-    length = np.linalg.norm(total, axis=1)
+    length = _lengths(total)
     length[~(length > 1e-9 * scale)] = np.nan
     return total / length[:, None]
 

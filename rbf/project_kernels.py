@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 from rbf.cell_kernels import OUTSIDE, REACH
-from rbf.evaluate_kernels import bounding_box, gather
+from rbf.evaluate_kernels import bounding_box, gather, list_near
 from rbf.sum_kernels import value_and_gradient
 
 OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
@@ -18,7 +18,7 @@ CONVERGED, MOVED, FAILED = 0, 1, 2  # status of a query
 
 
 @njit(**OPTIONS)
-def _walk(x, origin, m, near, kernel, hermite, settings, start, state):
+def _walk(x, origin, near, kernel, hermite, settings, start, state):
     """Move one query x (3,) to the zero set.
 
     Parameters
@@ -41,7 +41,13 @@ def _walk(x, origin, m, near, kernel, hermite, settings, start, state):
     beginning = x.copy()
     for step in range(start, most + 1):
         v, gx, gy, gz, support = value_and_gradient(
-            kernel, hermite, m, near, x[0] - origin[0], x[1] - origin[1], x[2] - origin[2]
+            kernel,
+            hermite,
+            near.shape[1],
+            near,
+            x[0] - origin[0],
+            x[1] - origin[1],
+            x[2] - origin[2],
         )
         if not support > 0.0:
             return FAILED, step
@@ -88,10 +94,11 @@ def project(
             continue
         box = np.empty((2, 3))
         bounding_box(points, order, first, last, box)
-        near, m = gather(keys[cell], np.int64(REACH + 1), box, 1.0 + MARGIN, centres, grid)
+        chosen = list_near(keys[cell], np.int64(REACH + 1), box, 1.0 + MARGIN, grid)
+        near = gather(chosen, box, centres)
         origin = 0.5 * (box[0] + box[1])
         for q in range(first, last):
             p = order[q]
             status[p], steps[p] = _walk(
-                points[p], origin, m, near, kernel, hermite, settings, steps[p], states[p]
+                points[p], origin, near, kernel, hermite, settings, steps[p], states[p]
             )

@@ -88,7 +88,7 @@ class Preconditioner:
         total = int(self._counts.sum())
         self._product_start = np.cumsum(self._counts, dtype=np.int64) - self._counts
         self._product_start *= self._m
-        self._products = np.empty(total * self._m)
+        self._products = np.empty(total * self._m, np.float32)
         self._starts, self._places = np.zeros(n + 1, np.int64), np.empty(total, np.int64)
         kernels.list_products(
             self._m, self._columns, self._counts, self._product_start, self._starts, self._places
@@ -160,18 +160,19 @@ def solve_with(system, preconditioner, right, tolerance=1e-8, iterations=300, st
 
 def _solve(system, preconditioner, right, tolerance, iterations, start):
     norm = np.sqrt(_dot(right, right))
-    x = np.zeros_like(right) if start is None else start.copy()
     if norm == 0.0:
         return Solution(np.zeros_like(right), 0, 0.0, 1.0, preconditioner.bad_pivots, ())
+    right = right / norm  # the preconditioner's single precision has a narrow range
+    x = np.zeros_like(right) if start is None else start / norm
     history, condition, used = [], 1.0, 0
     residual = _true_residual(system, right, x) if start is not None else right.copy()
     for _restart in range(4):  # rounding may part the recurrence from the true residual
         steps, estimate = _iterate(
-            system, preconditioner, x, residual, tolerance * norm, iterations - used, history
+            system, preconditioner, x, residual, tolerance, iterations - used, history
         )
         used, condition = used + steps, max(condition, estimate)
         residual = _true_residual(system, right, x)
-        reached = np.sqrt(_dot(residual, residual)) / norm
+        reached = np.sqrt(_dot(residual, residual))
         if reached <= tolerance or used >= iterations or not np.isfinite(reached):
             break
     if not reached <= tolerance:
@@ -179,16 +180,10 @@ def _solve(system, preconditioner, right, tolerance, iterations, start):
             f"the interpolation system stalled at a residual of {reached:.1e} (asked for "
             f"{tolerance:.0e}) after {used} iterations, with {preconditioner.bad_pivots} bad "
             f"pivots: {ADVICE}",
-            [value / norm for value in history],
+            history,
         )
-    return Solution(
-        x,
-        used,
-        float(reached),
-        condition,
-        preconditioner.bad_pivots,
-        tuple(value / norm for value in history),
-    )
+    bad_pivots = preconditioner.bad_pivots
+    return Solution(norm * x, used, float(reached), condition, bad_pivots, tuple(history))
 
 
 def _iterate(system, preconditioner, x, r, target, iterations, history):

@@ -26,23 +26,22 @@ TINY = 1e-60  # guards 1 / r: where r is smaller, d vanishes as well
 def _hermite_c2(m, centres, px, py, pz):
     X, Y, Z, A = centres[0], centres[1], centres[2], centres[3]
     BX, BY, BZ = centres[4], centres[5], centres[6]
-    v = gx = gy = gz = near = 0.0
+    v = gx = gy = gz = near = 0.0  # v and g as shares of f1 / t^3 = -20
     for j in range(m):
         dx, dy, dz = px - X[j], py - Y[j], pz - Z[j]
-        r2 = max(dx * dx + dy * dy + dz * dz, TINY)
-        ri = 1.0 / sqrt(r2)
-        r = r2 * ri
+        r = sqrt(dx * dx + dy * dy + (dz * dz + TINY))
         t = max(1.0 - r, 0.0)
         t2 = t * t
-        f1 = -20.0 * t2 * t
+        t3 = t2 * t
+        at = A[j] * t
         nd = BX[j] * dx + BY[j] * dy + BZ[j] * dz
-        v += A[j] * t2 * t2 * (4.0 * r + 1.0) + f1 * nd
-        w = A[j] * f1 + 60.0 * t2 * ri * nd
-        gx += w * dx + f1 * BX[j]
-        gy += w * dy + f1 * BY[j]
-        gz += w * dz + f1 * BZ[j]
+        v += t3 * (nd - at * (0.2 * r + 0.05))
+        w = t2 * (at - 3.0 * (nd / r))
+        gx += w * dx + t3 * BX[j]
+        gy += w * dy + t3 * BY[j]
+        gz += w * dz + t3 * BZ[j]
         near += t
-    return v, gx, gy, gz, near
+    return -20.0 * v, -20.0 * gx, -20.0 * gy, -20.0 * gz, near
 
 
 @njit(**OPTIONS)

@@ -8,6 +8,7 @@ import numpy as np
 
 from rbf import evaluate_kernels
 from rbf.cells import CellGrid
+from rbf.threads import threads_for
 
 # The derivative functional of the Hermite form is scaled by a fifth of the support radius, which
 # makes its diagonal entry about that of the value.
@@ -43,6 +44,7 @@ class HermiteSystem:
         self.centres[:, :3] = self.sites
         self._identity = np.arange(len(points))
         self._value, self._gradient = np.empty(len(points)), np.empty((len(points), 3))
+        self._lists = _near_lists(self.positions, self._identity, self.grid)
 
     def set_coefficients(self, x):
         """Make `centres` the sum with the coefficients x (n, 2)."""
@@ -59,6 +61,7 @@ class HermiteSystem:
             self.grid.starts,
             self.centres,
             self.grid.arrays,
+            *self._lists,
             self.order,
             True,
             self._value,
@@ -104,6 +107,7 @@ class PointSystem:
         self.centres[:, :3] = self.positions[self._order]
         self._value = np.empty(len(self.positions))
         self._gradient = np.empty((len(self.positions), 3))
+        self._lists = _near_lists(self.positions, self._order, self.centre_grid)
 
     def _places(self):
         if self.centre_grid is self.grid:
@@ -124,6 +128,7 @@ class PointSystem:
             self.centre_grid.starts,
             self.centres,
             self.centre_grid.arrays,
+            *self._lists,
             self.order,
             False,
             self._value,
@@ -131,6 +136,18 @@ class PointSystem:
         )
         np.multiply(x, self.ridge[:, None], out=out)
         out += self._value.reshape(out.shape)
+
+
+def _near_lists(positions, order, grid):
+    """The centres near each cell, which all products share: starts and numbers."""
+    starts = np.zeros(len(grid.keys) + 1, np.int64)
+    place = (positions, order, grid.keys, grid.starts, grid.arrays, starts)
+    with threads_for(len(positions)):
+        evaluate_kernels.list_cells(*place, np.empty(0, np.int32))
+        np.cumsum(starts, out=starts)
+        lists = np.empty(starts[-1], np.int32)
+        evaluate_kernels.list_cells(*place, lists)
+    return starts, lists
 
 
 def _sorted_ridge(ridge, order):

@@ -6,6 +6,7 @@ import pytest
 from meshes import InvalidCase
 from rbf import evaluate_kernels, fit_hermite
 from rbf.cells import CellGrid
+from rbf.interpolant import NO_LISTS
 from rbf.kernels import KERNELS
 from tests.rbf import reference
 from tests.shapes import icosphere
@@ -31,6 +32,7 @@ def evaluate(kernel, hermite, queries, centres):
         starts,
         np.ascontiguousarray(centres[grid.order]),
         grid.arrays,
+        *NO_LISTS,
         kernel.order,
         hermite,
         values,

@@ -137,3 +137,12 @@ def test_stalling_says_what_to_change():
     with pytest.raises(NotConverged, match="ridge") as caught:
         solve(system, right, 1e-10, iterations=3)
     assert len(caught.value.history) == 3
+
+
+@pytest.mark.parametrize("scale", [1e-60, 1e60])
+def test_size_of_the_right_side_does_not_matter(scale):
+    system = hermite_system()
+    right = np.random.default_rng(2).standard_normal((len(system.sites), 2))
+    plain, scaled = solve(system, right, 1e-8), solve(system, scale * right, 1e-8)
+    assert scaled.iterations == plain.iterations
+    np.testing.assert_allclose(scaled.x / scale, plain.x, rtol=1e-9, atol=1e-12)
