@@ -85,6 +85,7 @@ def make_app(command, takes_file, run):
         threads: int | None = None,
         quiet: Annotated[bool, Parameter(negative="")] = False,
         verbose: Annotated[bool, Parameter(name=["--verbose", "-v"], negative="")] = False,
+        schema: Annotated[bool, Parameter(negative="")] = False,
     ):
         """
         Parameters
@@ -112,7 +113,11 @@ def make_app(command, takes_file, run):
             Print nothing but errors.
         verbose
             Print every step.
+        schema
+            Print the JSON Schema of case files, by which an editor completes them, and stop.
         """
+        if schema:
+            return _print_schema()
         settings = list(set_ or [])
         if takes_file and file is None and settings and "=" not in settings[-1]:
             file = settings.pop()
@@ -127,6 +132,15 @@ def make_app(command, takes_file, run):
 
     app.default(_run)
     return app
+
+
+def _print_schema():
+    import json
+
+    from cases.json_schema import case_schema
+
+    print(json.dumps(case_schema(), indent=2))
+    return 0
 
 
 def run_guarded(work: Callable[[], int | None]):

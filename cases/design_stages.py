@@ -12,7 +12,7 @@ from cases.history import HistoryFile
 from cases.series import FieldSeries, snapshot_steps
 from cases.stage_files import load_design, save_design
 from meshes.io import load_tet_mesh, save_tet_mesh
-from topopt.boundary import boundary_conditions, check_rigid_motions
+from topopt.boundary import boundary_conditions, check_rigid_motions, rigid_supports
 from topopt.domain import attach_sets, mesh_domain, mesh_hash
 from topopt.elasticity import ElasticModel, von_mises
 from topopt.geometry import tet_geometry
@@ -88,22 +88,16 @@ class TopoptStage:
     def _keep(self, run, result, model, conditions, series):
         """Take over the result, and write it."""
         phi, state = result.phase_field.values, result.state
-        stress = von_mises(model, state, phi)
+        stress = np.stack([von_mises(model, state, phi, k) for k in range(len(conditions.cases))])
         run.design = result.phase_field
         run.fields = {
-            "displacement": state.displacement,
+            "displacement": state.displacements,
             "energy_density": state.energy_density,
             "von_mises": stress,
         }
         run.figures["topopt"] = _design_figures(run, result, model, conditions, stress)
         save_design(run.folder / "phase_field.npz", run.design, run.fields, run.figures["topopt"])
-        series.write(
-            result.history[-1].iteration,
-            phi,
-            state.displacement,
-            _elastic_energy(run, phi, state),
-            {"von_mises_Pa": stress},
-        )
+        series.write(result.history[-1].iteration, *_series_fields(run, phi, state, stress))
 
     def load(self, run):
         run.design, run.fields, run.figures["topopt"] = load_design(
@@ -138,15 +132,26 @@ class _Watch:
             *(row.rejected, row.kkt_residual, row.state_iterations),
         )
         if row.iteration in self._snapshots:
-            state = loop.state
-            energy = _elastic_energy(self._run, loop.phi, state)
-            self._series.write(row.iteration, loop.phi, state.displacement, energy)
+            self._series.write(row.iteration, *_series_fields(self._run, loop.phi, loop.state))
 
 
 def _elastic_energy(run, phi, state):
-    """Elastic energy density C(phi) eps(u) : eps(u) (m,) [J/m^3] on each tet."""
+    """Elastic energy density C(phi) eps(u) : eps(u) (m,) [J/m^3] on each tet; weighted sum of the
+    load cases."""
     factor = stiffness_factor(phi, run.mesh.tets, run.problem.material.void_ratio)
     return factor * state.energy_density
+
+
+def _series_fields(run, phi, state, stress=None):
+    """What ParaView is to see: point data and cell data by name; of several load cases each."""
+    names = [case.name for case in run.problem.cases]
+    tails = [f"_{name}" for name in names] if len(names) > 1 else [""]
+    points = {"phi": phi}
+    points |= {f"displacement_m{tail}": u for tail, u in zip(tails, state.displacements)}
+    cells = {"energy_density_J_per_m3": _elastic_energy(run, phi, state)}
+    if stress is not None:
+        cells |= {f"von_mises_Pa{tail}": values for tail, values in zip(tails, stress)}
+    return points, cells
 
 
 def _design_figures(run, result, model, conditions, stress):
@@ -171,18 +176,50 @@ def _design_figures(run, result, model, conditions, stress):
         "kkt": result.kkt.as_dict(),
         "domain_volume_m3": domain,
         "material_volume_m3": float(geometry.lumped_mass @ phi),
-        "load_displacement_m": load_displacements(conditions, result.state.displacement),
-        "largest_displacement_m": float(np.linalg.norm(result.state.displacement, axis=1).max()),
-        "largest_von_mises_Pa": float(stress[solid].max()) if solid.any() else 0.0,
+        "load_cases": [
+            _case_figures(run, result.state, model, conditions, phi, k, stress[k][solid])
+            for k in range(len(conditions.cases))
+        ],
+        "largest_displacement_m": _longest(result.state.displacements),
+        "largest_von_mises_Pa": float(stress[:, solid].max(initial=0.0)),
         "interface_m": width,
         "elements_across_interface": elements,
     }
 
 
-def load_displacements(conditions, displacement):
+def _case_figures(run, state, model, conditions, phi, k, stress):
+    """The numbers of load case k; `stress` is that of the solid."""
+    case, problem_case = conditions.cases[k], run.problem.cases[k]
+    acting = {name: conditions.load_forces[name] for name in problem_case.loads}
+    reactions = model.reactions(phi, state, k)
+    return {
+        "name": case.name,
+        "weight": case.weight,
+        "compliance_J": state.compliances[k],
+        "load_displacement_m": load_displacements(acting, state.displacements[k]),
+        "largest_displacement_m": _longest(state.displacements[k]),
+        "largest_von_mises_Pa": float(stress.max(initial=0.0)),
+        "support_force_N": {
+            support.name: _force(reactions, run.mesh.node_sets, support)
+            for support in rigid_supports(run.problem)
+        },
+    }
+
+
+def _force(reactions, node_sets, support):
+    """Force [N] of a rigid support in the directions that it holds; 0 in the others."""
+    force = reactions[node_sets[f"support:{support.name}"]].sum(axis=0)
+    return [float(force[axis]) if axis in support.fixed else 0.0 for axis in range(3)]
+
+
+def _longest(displacement):
+    return float(np.linalg.norm(displacement, axis=-1).max())
+
+
+def load_displacements(load_forces, displacement):
     """For every load the displacement [m] in its own direction, weighted by its force."""
     found = {}
-    for name, force in conditions.load_forces.items():
+    for name, force in load_forces.items():
         total = float(np.linalg.norm(force.sum(axis=0)))
         found[name] = float(np.vdot(force, displacement)) / total if total > 0 else 0.0
     return found

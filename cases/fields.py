@@ -237,6 +237,17 @@ def _name(value):
 Name = _validated(_name, {"type": "string", "pattern": "^[A-Za-z0-9][A-Za-z0-9_.-]*$"})
 
 
+def _names(value):
+    if not isinstance(value, list | tuple) or not all(isinstance(item, str) for item in value):
+        raise ValueError("must be a list of names, as [deck, side]")
+    if len(set(value)) != len(value):
+        raise ValueError("must name each once")
+    return tuple(value)
+
+
+Names = _validated(_names, {"type": "array", "items": {"type": "string"}})
+
+
 def _sigma(value):
     if value == "auto":
         return value

@@ -13,7 +13,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from cases import source
-from cases.schema import Case, Section
+from cases.schema import KINDS, Case, Section
 from meshes.errors import InvalidCase
 
 # Of each group a later layer that gives one key takes the others away.
@@ -22,8 +22,14 @@ _EXCLUSIVE = (
     (("remesh",), {"vertices", "edge_length", "edge_factor"}),
     (("rbf",), {"support_radius", "support_factor"}),
     (("domain",), {"box", "surface"}),
-    (("supports", "*"), {"box", "plane"}),
-    (("loads", "*"), {"box", "plane"}),
+    (("material",), {"lame_lambda", "young"}),
+    (("material",), {"lame_mu", "poisson"}),
+    (("material",), {"lame_lambda", "poisson"}),
+    (("material",), {"lame_mu", "young"}),
+    (("supports", "*"), set(KINDS)),
+    (("loads", "*"), set(KINDS)),
+    (("passive", "*"), set(KINDS)),
+    (("supports", "*"), {"stiffness", "displacement"}),
 )
 
 

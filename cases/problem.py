@@ -6,7 +6,24 @@ from cases import quantities
 from meshes.errors import InvalidCase, InvalidMesh
 from meshes.io import read_surface
 from meshes.patch import SymmetryPlane
-from topopt.problem import Box, BoxDomain, Load, Material, Problem, Support, SurfaceDomain
+from meshes.quality import signed_volume
+from meshes.topology import topology
+from meshes.tri_mesh import TriMesh
+from topopt.problem import (
+    Box,
+    BoxDomain,
+    Cylinder,
+    Load,
+    LoadCase,
+    Material,
+    Passive,
+    Problem,
+    Slab,
+    Sphere,
+    Support,
+    SurfaceDomain,
+    SurfaceRegion,
+)
 
 LARGEST_PART = 10.0  # m
 _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
@@ -22,23 +39,40 @@ def to_problem(loaded):
     """
     case = loaded.case
     material = case.material
+
+    def region(kind, name, section):
+        return _region(section, loaded.folder, f"{kind}.{name}")
+
     return Problem(
         domain=_domain(case.domain, loaded.folder),
         supports=tuple(
-            Support(name, _region(section), tuple("xyz".index(axis) for axis in section.fixed))
+            Support(
+                name,
+                region("supports", name, section),
+                tuple("xyz".index(axis) for axis in section.fixed),
+                section.displacement,
+                section.stiffness,
+            )
             for name, section in case.supports.items()
         ),
         loads=tuple(
-            Load(name, _region(section), section.traction) for name, section in case.loads.items()
+            Load(name, region("loads", name, section), section.traction)
+            for name, section in case.loads.items()
         ),
         volume_fraction=case.topopt.volume_fraction,
         gamma=_number_or_none(case.topopt.gamma),
         eps=_number_or_none(case.topopt.eps),
-        material=Material(
-            material.lame_lambda, material.lame_mu, material.density, material.void_ratio
-        ),
+        material=Material(*material.lame, material.density, material.void_ratio),
         symmetry=tuple(SymmetryPlane(*quantities.plane(text)) for text in case.symmetry),
         gravity=case.gravity,
+        load_cases=tuple(
+            LoadCase(name, section.loads, section.weight, section.gravity, section.displacements)
+            for name, section in case.load_cases.items()
+        ),
+        passive=tuple(
+            Passive(name, region("passive", name, section), section.phase == "solid")
+            for name, section in case.passive.items()
+        ),
     )
 
 
@@ -61,8 +95,18 @@ def _number_or_none(value):
     return None if value == "auto" else value
 
 
-def _region(section):
-    """The Box of a `box` or `plane` region; a plane is a box without thickness."""
+def _region(section, folder, key):
+    """The region of a section; an axis-parallel plane is a box without thickness."""
+    if section.slab is not None:
+        return Slab(section.slab.point, section.slab.normal, section.slab.thickness)
+    if section.sphere is not None:
+        return Sphere(section.sphere.center, section.sphere.radius)
+    if section.cylinder is not None:
+        return Cylinder(section.cylinder.start, section.cylinder.end, section.cylinder.radius)
+    if section.surface is not None:
+        surface = _surface(folder, section.surface, section.unit, f"{key}.surface")
+        return SurfaceRegion(_closed(surface, f"{key}.surface: {section.surface}"),
+                             name=section.surface)  # fmt: skip
     if section.box is not None:
         ranges = list(section.box)
     else:
@@ -77,9 +121,26 @@ def _region(section):
 def _domain(section, folder):
     if section.box is not None:
         return BoxDomain(section.box.lower, section.box.upper)
-    path = folder / section.surface
+    return SurfaceDomain(_surface(folder, section.surface, section.unit, "domain.surface"))
+
+
+def _surface(folder, name, unit, key):
+    """Read a surface file, its points in metres."""
     try:
-        surface = read_surface(path)
+        surface = read_surface(folder / name)
     except (OSError, InvalidCase, InvalidMesh) as error:
-        raise InvalidCase(f"domain.surface: {error}") from None
-    return SurfaceDomain(surface.with_points(surface.points * _UNITS[section.unit]))
+        raise InvalidCase(f"{key}: {error}") from None
+    return surface.with_points(surface.points * _UNITS[unit])
+
+
+def _closed(surface, where):
+    """The surface, oriented outward; InvalidCase if it has no inside."""
+    found = topology(surface.faces, len(surface.points))
+    if not (found.watertight and found.oriented and not found.nonmanifold_edges):
+        raise InvalidCase(
+            f"{where} is not closed, so it has no inside; close it, or name the region by a box, "
+            f"sphere or cylinder."
+        )
+    if signed_volume(surface) < 0.0:
+        return TriMesh(surface.points, surface.faces[:, ::-1])
+    return surface

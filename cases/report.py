@@ -4,6 +4,7 @@ import numpy as np
 
 from cases.surface_files import surface_figures
 from cases.targets import sigma_length
+from topopt.problem import moved
 
 
 def quality(run):
@@ -50,9 +51,23 @@ def _design_lines(run):
         ("interface", _interface(design)),
         ("largest von Mises", f"{design['largest_von_mises_Pa'] / 1e6:.4g} MPa"),
     ]
-    for name, value in design["load_displacement_m"].items():
-        rows.append((f"displacement at {name}", f"{1e6 * value:.4g} um along the load"))
+    for case in design["load_cases"]:
+        rows += _case_rows(run, case, several=len(design["load_cases"]) > 1)
     return [line for name, text in rows for line in _row(name, text)]
+
+
+def _case_rows(run, case, several):
+    """Rows of one load case: its loads' displacements, and the force that imposed ones take."""
+    rows, tail = [], f" ({case['name']})" if several else ""
+    if several:
+        text = f"{case['compliance_J'] * run.copies:.4g} J, weight {case['weight']:g}"
+        rows.append((f"load case {case['name']}", text))
+    for name, value in case["load_displacement_m"].items():
+        rows.append((f"displacement at {name}", f"{1e6 * value:.4g} um along the load{tail}"))
+    for support in moved(run.problem.supports):
+        force = ", ".join(f"{value:.4g}" for value in case["support_force_N"][support.name])
+        rows.append((f"force at {support.name}", f"({force}) N on the modelled part{tail}"))
+    return rows
 
 
 _ENDINGS = {

@@ -9,10 +9,12 @@ from meshes.io import write_atomically
 
 
 def resolved_case(loaded):
-    """A LoadedCase as nested dicts and lists; the surface's path is absolute."""
+    """A LoadedCase as nested dicts and lists; the paths of surfaces are absolute."""
     tree = loaded.case.model_dump(mode="json")
-    if tree["domain"]["surface"] is not None:
-        tree["domain"]["surface"] = str((loaded.folder / tree["domain"]["surface"]).resolve())
+    regions = [item for kind in ("supports", "loads", "passive") for item in tree[kind].values()]
+    for section in (tree["domain"], *regions):
+        if section["surface"] is not None:
+            section["surface"] = str((loaded.folder / section["surface"]).resolve())
     return tree
 
 

@@ -21,11 +21,16 @@ def _percent(value):
     return f"percent? write {value / 100:g}" if 1.0 < value < 100.0 else ""
 
 
+def _incompressible(value):
+    return "0.5 is incompressible; take 0.49" if value == 0.5 else ""
+
+
 Positive = fields.number(above=0.0)
 NotNegative = fields.number(at_least=0.0)
 PositiveOrAuto = fields.number(above=0.0, words=("auto",))
 Fraction = fields.number(above=0.0, below=1.0, hint=_percent)
 PositiveLength = fields.length(above=0.0)
+NotNegativeLength = fields.length(at_least=0.0)
 Vector = fields.vector()
 Corner = fields.vector(fields.quantities.length, "lengths")
 
@@ -59,23 +64,69 @@ class Domain(Section):
         return self
 
 
+class SlabSection(Section):
+    """A plane of any direction, or what lies within half a thickness of it."""
+
+    point: Corner = Field(description="a point of it [m]")
+    normal: Vector = Field(description="its normal, of any length, as [1, 1, 0]")
+    thickness: NotNegativeLength = Field(0.0, description="0: the plane itself [m]")
+
+    @model_validator(mode="after")
+    def _has_a_direction(self):
+        if not any(self.normal):
+            raise fields.refusal("must have a normal that is not zero")
+        return self
+
+
+class SphereSection(Section):
+    """A ball."""
+
+    center: Corner = Field(description="its centre [m]")
+    radius: PositiveLength = Field(description="its radius [m]")
+
+
+class CylinderSection(Section):
+    """A circular cylinder."""
+
+    start: Corner = Field(description="one end of its axis [m]")
+    end: Corner = Field(description="the other end of its axis [m]")
+    radius: PositiveLength = Field(description="its radius [m]")
+
+    @model_validator(mode="after")
+    def _has_length(self):
+        if self.start == self.end:
+            raise fields.refusal("must have start and end apart")
+        return self
+
+
+KINDS = ("box", "plane", "slab", "sphere", "cylinder", "surface")
+
+
 class Region(Section):
-    """A part of the boundary: a box of ranges, or a plane with ranges along its other axes."""
+    """A part of space: a box of ranges, a plane, a slab, a sphere, a cylinder, or the inside of a
+    surface."""
 
     box: fields.BoxRanges = Field(None, description="[[x0, x1], [y0, y1], [z0, z1]], null = open")
     plane: fields.PlaneText = Field(None, description="an axis-parallel plane, as z=20mm")
     x: fields.Range = Field(None, description="with plane: the range of x, null = open")
     y: fields.Range = Field(None, description="with plane: the range of y, null = open")
     z: fields.Range = Field(None, description="with plane: the range of z, null = open")
+    slab: SlabSection | None = Field(None, description="point, normal and thickness")
+    sphere: SphereSection | None = Field(None, description="center and radius")
+    cylinder: CylinderSection | None = Field(None, description="start, end and radius")
+    surface: str | None = Field(
+        None, description="the inside of a closed STL, PLY, OBJ or OFF file, relative to the case"
+    )
+    unit: Literal["m", "cm", "mm"] = Field("mm", description="the unit of the surface file")
 
     @model_validator(mode="after")
-    def _one_of_both(self):
-        if (self.box is None) == (self.plane is None):
-            raise fields.refusal("must give either a box or a plane")
+    def _one_of_all(self):
+        if sum(getattr(self, kind) is not None for kind in KINDS) != 1:
+            raise fields.refusal("must give one of box, plane, slab, sphere, cylinder and surface")
         given = [axis for axis in "xyz" if getattr(self, axis) != (None, None)]
-        if self.box is not None and given:
-            raise fields.refusal(f"takes the range {given[0]} with a plane only, not with a box")
-        if self.plane is not None and self.plane[0] in given:
+        if given and self.plane is None:
+            raise fields.refusal(f"takes the range {given[0]} with a plane only, as plane: z=20mm")
+        if given and self.plane[0] in given:
             raise fields.refusal(
                 f"fixes {self.plane[0]} by its plane and cannot take a range of it too"
             )
@@ -83,9 +134,24 @@ class Region(Section):
 
 
 class SupportSection(Region):
-    """Where the part is held, and in which directions."""
+    """Where the part is held, in which directions, and how."""
 
     fixed: fields.Directions = Field(("x", "y", "z"), description="directions that are held")
+    displacement: Corner = Field(
+        (0.0, 0.0, 0.0), description="where the held directions are moved to [m], as [0, 0, -1mm]"
+    )
+    stiffness: fields.number(above=0.0, nullable=True) = Field(
+        None, description="of springs instead of a rigid support [N/m^3]: force per area and metre"
+    )
+
+    @model_validator(mode="after")
+    def _moves_what_it_holds(self):
+        loose = [a for a, d in zip("xyz", self.displacement) if d and a not in self.fixed]
+        if loose:
+            raise fields.refusal(f"moves {loose[0]}, which is not among the directions of fixed")
+        if self.stiffness is not None and any(self.displacement):
+            raise fields.refusal("takes a stiffness or a displacement, not both")
+        return self
 
 
 class LoadSection(Region):
@@ -94,15 +160,76 @@ class LoadSection(Region):
     traction: Vector = Field(description="force per area [N/m^2], as [0, 0, -2400]")
 
 
-class MaterialSection(Section):
-    """Isotropic linear elasticity and the density."""
+class LoadCaseSection(Section):
+    """What acts at the same time."""
 
-    lame_lambda: NotNegative = Field(1599e6, description="Lame's first parameter [Pa]")
-    lame_mu: Positive = Field(685e6, description="Lame's second parameter [Pa]")
+    loads: fields.Names = Field((), description="names of the loads that act")
+    weight: Positive = Field(1.0, description="of its compliance in the objective")
+    gravity: bool = Field(True, description="whether gravity acts")
+    displacements: fields.Names = Field(
+        (), description="names of the supports whose displacement is imposed; others stay at 0"
+    )
+
+
+class PassiveSection(Region):
+    """Where the material is given: solid or void."""
+
+    phase: Literal["solid", "void"] = Field(description="what fills the region")
+
+
+_STIFFNESS = ("lame_lambda", "lame_mu", "young", "poisson")
+
+
+class MaterialSection(Section):
+    """Isotropic linear elasticity, by lame_lambda and lame_mu or by young and poisson; density."""
+
+    lame_lambda: fields.number(nullable=True) = Field(
+        None, description="Lame's first parameter [Pa]; 1599e6 if no stiffness is given"
+    )
+    lame_mu: fields.number(above=0.0, nullable=True) = Field(
+        None, description="Lame's second parameter, the shear modulus [Pa]; likewise 685e6"
+    )
+    young: fields.number(above=0.0, nullable=True) = Field(
+        None, description="Young's modulus E [Pa], as 1.85e9"
+    )
+    poisson: fields.number(above=-1.0, below=0.5, nullable=True, hint=_incompressible) = Field(
+        None, description="Poisson's ratio nu, as 0.35"
+    )
     density: NotNegative = Field(1240.0, description="mass density [kg/m^3]")
     void_ratio: fields.number(above=0.0, below=1.0) = Field(
         1e-4, description="stiffness of the void, as a share of the material's"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _polylactide_if_nothing_is_said(cls, value):
+        said = isinstance(value, dict) and any(value.get(key) is not None for key in _STIFFNESS)
+        if isinstance(value, dict) and not said:
+            return {**value, "lame_lambda": 1599e6, "lame_mu": 685e6}
+        return value
+
+    @model_validator(mode="after")
+    def _one_pair(self):
+        lame, engineer = (self.lame_lambda, self.lame_mu), (self.young, self.poisson)
+        given = [any(value is not None for value in pair) for pair in (lame, engineer)]
+        if all(given):
+            raise fields.refusal("takes lame_lambda and lame_mu, or young and poisson, not both")
+        if (given[0] and None in lame) or (given[1] and None in engineer):
+            raise fields.refusal("needs both lame_lambda and lame_mu, or both young and poisson")
+        if given[0] and not 3.0 * lame[0] + 2.0 * lame[1] > 0.0:
+            raise fields.refusal(
+                "needs 3 lame_lambda + 2 lame_mu > 0 (the bulk modulus is positive)"
+            )
+        return self
+
+    @property
+    def lame(self):
+        """(lambda, mu) [Pa]."""
+        if self.young is not None:
+            young, poisson = self.young, self.poisson
+            mu = young / (2.0 * (1.0 + poisson))
+            return 2.0 * mu * poisson / (1.0 - 2.0 * poisson), mu
+        return self.lame_lambda, self.lame_mu
 
 
 class MeshSection(Section):
@@ -204,6 +331,9 @@ class RbfSection(Section):
         return self
 
 
+_TARGETS = ("vertices", "edge_length", "edge_factor")
+
+
 class RemeshSection(Section):
     """The curvature-adapted final surface."""
 
@@ -224,12 +354,16 @@ class RemeshSection(Section):
         "default", description="thesis: its Algorithm 2 as it stands"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _as_many_as_before_if_nothing_is_said(cls, value):
+        if isinstance(value, dict) and all(value.get(key) is None for key in _TARGETS):
+            return {**value, "vertices": "input"}
+        return value
+
     @model_validator(mode="after")
     def _one_target(self):
-        given = [
-            n for n in ("vertices", "edge_length", "edge_factor") if getattr(self, n) is not None
-        ]
-        if len(given) != 1:
+        if sum(getattr(self, key) is not None for key in _TARGETS) != 1:
             raise fields.refusal("must give one of vertices, edge_length and edge_factor")
         return self
 
@@ -253,22 +387,29 @@ class Case(Section):
     symmetry: fields.Planes = Field((), description="planes about which the part is mirrored")
     material: MaterialSection = Field(default_factory=MaterialSection)
     supports: dict[fields.Name, SupportSection] = Field(description="where it is held, by name")
-    loads: dict[fields.Name, LoadSection] = Field(description="where it is loaded, by name")
+    loads: dict[fields.Name, LoadSection] = Field({}, description="where it is loaded, by name")
     gravity: Vector = Field((0.0, 0.0, 0.0), description="acceleration [m/s^2], as [0, 0, -9.81]")
+    load_cases: dict[fields.Name, LoadCaseSection] = Field(
+        {}, description="what acts at the same time, by name; if none is given, everything"
+    )
+    passive: dict[fields.Name, PassiveSection] = Field(
+        {}, description="regions that stay solid or void, by name; volume_fraction counts them"
+    )
     mesh: MeshSection = Field(description="the tetrahedral mesh")
     topopt: TopoptSection = Field(description="the optimisation")
     isosurface: IsosurfaceSection = Field(default_factory=IsosurfaceSection)
     smooth: SmoothSection = Field(default_factory=SmoothSection)
     rbf: RbfSection = Field(default_factory=RbfSection)
-    remesh: RemeshSection = Field(default_factory=lambda: RemeshSection(vertices="input"))
+    remesh: RemeshSection = Field(default_factory=RemeshSection)
     output: OutputSection = Field(default_factory=OutputSection)
 
     @model_validator(mode="after")
     def _can_be_run(self):
         if not self.supports:
             raise fields.refusal("must have at least one support")
-        if not self.loads and not any(self.gravity):
-            raise fields.refusal("must have at least one load, or gravity")
+        moved = [name for name, support in self.supports.items() if any(support.displacement)]
+        if not (self.loads or any(self.gravity) or moved):
+            raise fields.refusal("must have at least one load, gravity, or a displaced support")
         if self.mesh.kind == "bcc" and self.domain.box is None:
             raise fields.refusal("can use the bcc mesh on a box only")
         return self

@@ -21,15 +21,13 @@ class FieldSeries:
         self._mesh = mesh
         self._files, self._times = [], []
 
-    def write(self, step, phi, displacement, energy_density, more_cell_data=None):
-        """Add the fields of a step: phi (n,), displacement (n, 3) [m], energy density (m,)."""
+    def write(self, step, point_data, cell_data):
+        """Add the fields of a step: nodal and tetrahedral values by name."""
         path = self._folder / f"step_{step:04d}.vtu"
         if path in self._files:
             self._times.pop(self._files.index(path))
             self._files.remove(path)
-        cells = {"energy_density_J_per_m3": energy_density, **(more_cell_data or {})}
-        points = {"phi": phi, "displacement_m": displacement}
-        write_tets(path, self._mesh, points, cells)
+        write_tets(path, self._mesh, point_data, cell_data)
         self._files.append(path)
         self._times.append(step)
         write_series(self._folder / "design.pvd", self._files, self._times)

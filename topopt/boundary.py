@@ -13,6 +13,7 @@ import numpy as np
 
 from meshes.errors import InvalidCase
 from meshes.structured import bcc_box
+from topopt.passive import check_passive
 from topopt.problem import BoundaryConditions, BoxDomain, CaseConditions, moved
 from topopt.regions import clip_triangles, contains, grown, in_words, tolerance_of
 from topopt.rigid_motions import describe_motions, free_motions, mesh_components
@@ -136,6 +137,7 @@ def check_problem(problem):
     InvalidCase
     """
     _check_entries(problem)
+    check_passive(problem)
     points, faces = _domain_surface(problem.domain)
     outer = _outer_facets(points, faces, problem.symmetry)
     for load in problem.loads:

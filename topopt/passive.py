@@ -3,7 +3,11 @@
 import numpy as np
 
 from meshes.errors import InvalidCase
+from topopt.problem import BoxDomain
 from topopt.regions import contains, in_words, tolerance_of
+
+SAMPLES = 48  # along each side of a box
+UNSURE = 0.03  # of the domain: what sampling may miss
 
 
 def passive_bounds(mesh, problem):
@@ -43,17 +47,39 @@ def check_room(mass, lower, upper, volume_fraction):
     volume_fraction : float
     """
     whole = float(mass.sum())
-    solid, most = float(mass @ lower) / whole, float(mass @ upper) / whole
+    _check_shares(float(mass @ lower) / whole, float(mass @ upper) / whole, volume_fraction)
+
+
+def _check_shares(solid, most, volume_fraction):
     if not solid < volume_fraction:
         raise InvalidCase(
-            f"volume_fraction is {volume_fraction:g}, but the passive solid regions alone take "
-            f"{solid:.3g} of the domain; raise it above that, or shrink them."
+            f"volume_fraction is {volume_fraction:g}, but the passive solid regions alone take at "
+            f"least {solid:.2g} of the domain; raise it above that, or shrink them."
         )
     if not volume_fraction < most:
         raise InvalidCase(
-            f"volume_fraction is {volume_fraction:g}, but the passive void regions leave only "
-            f"{most:.3g} of the domain; lower it below that, or shrink them."
+            f"volume_fraction is {volume_fraction:g}, but the passive void regions leave at most "
+            f"{most:.2g} of the domain; lower it below that, or shrink them."
         )
+
+
+def check_passive(problem):
+    """Raise InvalidCase if a box's passive regions clearly leave no room, before it is meshed.
+
+    Their shares of the box are found by sampling, and so known to within a few per cent.
+    """
+    if not problem.passive or not isinstance(problem.domain, BoxDomain):
+        return
+    lower, upper = np.asarray(problem.domain.lower), np.asarray(problem.domain.upper)
+    grid = (np.indices((SAMPLES,) * 3).reshape(3, -1).T + 0.5) / SAMPLES
+    points = lower + grid * (upper - lower)
+    solid, void = np.zeros(len(points), bool), np.zeros(len(points), bool)
+    for passive in problem.passive:
+        inside = contains(passive.region, points, 0.0)
+        solid |= inside & passive.solid
+        void |= inside & (not passive.solid)
+    shares = np.array([solid.mean() - UNSURE, 1.0 - (void & ~solid).mean() + UNSURE])
+    _check_shares(*shares, problem.volume_fraction)
 
 
 def _nodes(mesh, passive):

@@ -140,6 +140,75 @@ def test_values_and_defaults(tmp_path):
             "name: tiny\nrbf: 3",
             "tiny.yaml:2: rbf: must be a mapping of keys to values, got 3",
         ),
+        (
+            "name: tiny",
+            "name: tiny\nmaterial: {young: 1.0e+9}",
+            "tiny.yaml:2: material: needs both lame_lambda and lame_mu, or both young and poisson",
+        ),
+        (
+            "name: tiny",
+            "name: tiny\nmaterial: {young: 1.0e+9, poisson: 0.5}",
+            "tiny.yaml:2: material.poisson: must lie in (-1, 0.5), got 0.5 "
+            "(0.5 is incompressible; take 0.49)",
+        ),
+        (
+            "name: tiny",
+            "name: tiny\nmaterial: {young: 1.0e+9, lame_mu: 1.0e+9}",
+            "tiny.yaml:2: material: takes lame_lambda and lame_mu, or young and poisson, not both",
+        ),
+        (
+            "name: tiny",
+            "name: tiny\nmaterial: {lame_lambda: -1.0e+9, lame_mu: 1.0e+9}",
+            "tiny.yaml:2: material: needs 3 lame_lambda + 2 lame_mu > 0 (the bulk modulus is "
+            "positive)",
+        ),
+        (
+            "fixed: [x, y, z]",
+            "displacement: [0, 0, 1mm]\n    stiffness: 1.0e+9",
+            "tiny.yaml:6: supports.foot: takes a stiffness or a displacement, not both",
+        ),
+        (
+            "fixed: [x, y, z]",
+            "fixed: [x]\n    displacement: [0, 0, 1mm]",
+            "tiny.yaml:6: supports.foot: moves z, which is not among the directions of fixed",
+        ),
+        (
+            "fixed: [x, y, z]",
+            "stiffness: 0",
+            "tiny.yaml:9: supports.foot.stiffness: must be positive, got 0",
+        ),
+        (
+            "plane: z=10mm\n    x: [0, 6mm]",
+            "sphere: {center: [0, 0, 1mm], radius: 0}",
+            "tiny.yaml:12: loads.deck.sphere.radius: must be positive, got 0",
+        ),
+        (
+            "plane: z=10mm",
+            "slab: {point: [0, 0, 0], normal: [0, 0, 0]}",
+            "tiny.yaml:12: loads.deck.slab: must have a normal that is not zero",
+        ),
+        (
+            "plane: z=10mm",
+            "surface: deck.stl",
+            "tiny.yaml:11: loads.deck: takes the range x with a plane only, as plane: z=20mm",
+        ),
+        (
+            "    plane: z=10mm\n    x: [0, 6mm]\n",
+            "",
+            "tiny.yaml:11: loads.deck: must give one of box, plane, slab, sphere, cylinder and "
+            "surface",
+        ),
+        (
+            "name: tiny",
+            "name: tiny\nload_cases: {a: {loads: deck}}",
+            "tiny.yaml:2: load_cases.a.loads: must be a list of names, as [deck, side], "
+            "got 'deck'",
+        ),
+        (
+            "name: tiny",
+            "name: tiny\npassive: {rib: {plane: z=0, phase: soild}}",
+            "tiny.yaml:2: passive.rib.phase: must be one of 'solid', 'void', got 'soild'",
+        ),
         ("name: tiny", "seed: 1", "tiny.yaml:1: name: is missing: a short name; "
          "the output folder's default"),
     ],

@@ -13,6 +13,7 @@ from meshes.io import write_surface
 from meshes.quality import signed_volume
 from tests.cases.cases_in_text import TINY, write_case
 from tests.shapes import cube
+from topopt.problem import Cylinder, LoadCase, Material, Slab, Sphere, SurfaceRegion
 
 TETS = "mesh.kind=pytetwild"
 
@@ -85,3 +86,74 @@ def test_forgotten_units(tmp_path):
     assert units_warning(problem_of(tmp_path)) is None
     large = problem_of(tmp_path, settings=["domain.box.upper=[50, 15, 20]"])
     assert "50 m long" in units_warning(large)
+
+
+def test_regions_of_every_kind(tmp_path):
+    write_surface(tmp_path / "deck.stl", cube(20.0))
+    for text, wanted in (
+        ("{slab: {point: [0, 0, 1cm], normal: [0, 1, 1]}}", Slab((0, 0, 0.01), (0, 1, 1), 0.0)),
+        ("{sphere: {center: [0, 1mm, 1], radius: 2mm}}", Sphere((0, 0.001, 1), 0.002)),
+        (
+            "{cylinder: {start: [0, 0, 0], end: [0, 0, 1cm], radius: 2mm}}",
+            Cylinder((0, 0, 0), (0, 0, 0.01), 0.002),
+        ),
+    ):
+        assert problem_of(tmp_path, settings=[f"supports.foot={text}"]).supports[0].region == wanted
+    region = "loads.deck={surface: deck.stl, traction: [0, 0, 1]}"
+    found = problem_of(tmp_path, settings=[region]).loads[0].region
+    assert isinstance(found, SurfaceRegion) and found.name == "deck.stl"
+    assert signed_volume(found.surface) == pytest.approx(0.02**3)
+
+
+def test_surface_regions_need_an_inside(tmp_path):
+    box = cube(20.0)
+    write_surface(tmp_path / "open.stl", TriMesh(box.points, box.faces[1:]))
+    write_surface(tmp_path / "turned.stl", TriMesh(box.points, box.faces[:, ::-1]))
+    region = "loads.deck={{surface: {}.stl, traction: [0, 0, 1]}}"
+    with pytest.raises(InvalidCase, match=r"loads\.deck\.surface: open\.stl is not closed"):
+        problem_of(tmp_path, settings=[region.format("open")])
+    with pytest.raises(InvalidCase, match=r"loads\.deck\.surface: .*cannot be read"):
+        problem_of(tmp_path, settings=[region.format("none")])
+    found = problem_of(tmp_path, settings=[region.format("turned")]).loads[0].region
+    assert signed_volume(found.surface) > 0
+
+
+def test_a_later_kind_of_region_replaces_the_other(tmp_path):
+    text = "supports.foot.sphere={center: [0, 0, 0], radius: 1cm}"
+    settings = [text, "supports.foot.x=null"]
+    region = problem_of(tmp_path, settings=settings).supports[0].region
+    assert region == Sphere((0, 0, 0), 0.01)
+
+
+@pytest.mark.parametrize("young, poisson", [(210e9, 0.3), (1e6, 0.0), (3.0, -0.9), (5e9, 0.499)])
+def test_material_by_young_and_poisson(tmp_path, young, poisson):
+    text = f"material={{young: {young}, poisson: {poisson}}}"
+    material = problem_of(tmp_path, settings=[text]).material
+    lame, mu = material.lame_lambda, material.lame_mu
+    assert mu * (3 * lame + 2 * mu) / (lame + mu) == pytest.approx(young, rel=1e-12)
+    assert lame / (2 * (lame + mu)) == pytest.approx(poisson, rel=1e-9, abs=1e-15)
+
+
+def test_the_other_pair_replaces_the_first(tmp_path):
+    text = TINY + "material: {lame_lambda: 1.0e+9, lame_mu: 1.0e+9}\n"
+    settings = ["material.young=2e9", "material.poisson=0.25"]
+    material = problem_of(tmp_path, text, settings).material
+    assert material.lame_lambda == pytest.approx(0.8e9)
+    assert problem_of(tmp_path, text).material.lame_mu == 1e9
+    assert problem_of(tmp_path).material == Material()
+
+
+def test_load_cases_and_passive_regions(tmp_path):
+    text = TINY + (
+        "load_cases:\n  a: {loads: [deck], weight: 2, gravity: false}\n"
+        "  b: {displacements: [foot]}\n"
+        "passive:\n  rib: {plane: z=0, phase: solid}\n  hole: {plane: x=0, phase: void}\n"
+    )
+    problem = problem_of(tmp_path, text, ["supports.foot.displacement=[0, 0, -1mm]"])
+    assert problem.load_cases == (
+        LoadCase("a", ("deck",), 2.0, False),
+        LoadCase("b", displacements=("foot",)),
+    )
+    assert [(p.name, p.solid) for p in problem.passive] == [("rib", True), ("hole", False)]
+    assert problem.supports[0].displacement == (0.0, 0.0, -0.001)
+    assert problem_of(tmp_path).cases == (LoadCase("all", ("deck",)),)

@@ -64,11 +64,15 @@ def test_solid_wins_on_a_shared_face():
 @pytest.mark.parametrize(
     ("regions", "fraction", "sentence"),
     [
-        ((DECK,), 0.1, "volume_fraction is 0.1, but the passive solid regions alone take 0.1"),
+        (
+            (DECK,),
+            0.1,
+            "volume_fraction is 0.1, but the passive solid regions alone take at least 0.1",
+        ),
         (
             (Passive("most", Box((-INF,) * 3, (INF, INF, 0.03)), False),),
             0.4,
-            "the passive void regions leave only 0.2",
+            "the passive void regions leave at most 0.2",
         ),
         ((DECK, DECK), 0.4, "'deck' is given twice"),
         (
