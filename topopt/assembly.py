@@ -14,6 +14,7 @@ from scipy.sparse import bsr_array, coo_array
 
 from topopt import assembly_kernels as kernels
 
+CHUNKS = 64  # in which the edges are dealt out to threads
 CORNER_PAIRS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 
@@ -39,17 +40,23 @@ class Assembler:
     """
 
     def __init__(self, tets, volumes, gradients, material, fixed, springs=None):
-        self._volumes, self._gradients, self._material = volumes, gradients, material
+        self._volumes, self._material = volumes, material
+        self._gradients = np.ascontiguousarray(gradients)
         self._fixed = np.ascontiguousarray(fixed)
         edges, self._edge_start, self._edge_corners = edges_and_tets(tets, len(fixed))
+        self._chunks = np.linspace(0, len(edges), CHUNKS + 1).astype(np.int64)
         self.indptr, self.indices, places = _pattern(edges, len(fixed))
         self._upper, self._lower, self._diagonal = places
         self._springs = springs and self._place(springs)
 
-    def assemble(self, factor):
-        """Return the stiffness matrix for factors c (m,): bsr_array (3 n, 3 n) [N/m]."""
-        blocks = np.empty((len(self.indices), 3, 3))
+    def assemble(self, factor, into=None):
+        """Return the stiffness matrix for factors c (m,): bsr_array (3 n, 3 n) [N/m].
+
+        It takes the place of `into` in memory, if an earlier matrix is given that is done with.
+        """
+        blocks = np.empty((len(self.indices), 3, 3)) if into is None else into.data
         kernels.edge_blocks(
+            self._chunks,
             self._edge_start,
             self._edge_corners,
             factor * self._volumes,

@@ -7,35 +7,41 @@ sums are taken in a fixed order.
 import numpy as np
 from numba import njit, prange
 
+from topopt.lanes import add_outer, load, scale, store, zero_rows
+
 OPTIONS = {"cache": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy"}
 
 
 @njit(parallel=True, **OPTIONS)
 def edge_blocks(
-    edge_start, edge_corners, weights, gradients, lame_lambda, lame_mu, upper, lower, blocks
+    chunks, edge_start, edge_corners, weights, gradients, lame_lambda, lame_mu, upper, lower, blocks
 ):
     """Blocks (i, j) and (j, i) of every mesh edge i < j, summed over the tets around the edge.
 
     edge_corners[s] = 16 e + 4 a + b: on tet e, node i is corner a and node j is corner b.
     With O = sum of weight_e g_a g_b^T the block is lambda O + mu O^T + mu tr(O) I.
     """
-    for edge in prange(edge_start.shape[0] - 1):
-        outer = np.zeros((3, 3))
-        for s in range(edge_start[edge], edge_start[edge + 1]):
-            code = edge_corners[s]
-            e, a, b = code >> 4, (code >> 2) & 3, code & 3
+    for t in prange(chunks.shape[0] - 1):
+        outer = np.empty((3, 3))
+        for edge in range(chunks[t], chunks[t + 1]):
+            rows = zero_rows(gradients, 3, 3)
+            for s in range(edge_start[edge], edge_start[edge + 1]):
+                code = edge_corners[s]
+                e = code >> 4
+                first = load(gradients, 4 * e + ((code >> 2) & 3), 3)
+                second = load(gradients, 4 * e + (code & 3), 3)
+                rows = add_outer(rows, scale(weights[e], first), second)
+            store(rows[0], outer, 0)
+            store(rows[1], outer, 1)
+            store(rows[2], outer, 2)
+            trace = lame_mu * (outer[0, 0] + outer[1, 1] + outer[2, 2])
             for i in range(3):
-                scaled = weights[e] * gradients[e, a, i]
                 for j in range(3):
-                    outer[i, j] += scaled * gradients[e, b, j]
-        trace = lame_mu * (outer[0, 0] + outer[1, 1] + outer[2, 2])
-        for i in range(3):
-            for j in range(3):
-                value = lame_lambda * outer[i, j] + lame_mu * outer[j, i]
-                if i == j:
-                    value += trace
-                blocks[upper[edge], i, j] = value
-                blocks[lower[edge], j, i] = value
+                    value = lame_lambda * outer[i, j] + lame_mu * outer[j, i]
+                    if i == j:
+                        value += trace
+                    blocks[upper[edge], i, j] = value
+                    blocks[lower[edge], j, i] = value
 
 
 @njit(parallel=True, **OPTIONS)

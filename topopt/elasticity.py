@@ -109,6 +109,7 @@ class ElasticModel:
         points, fixed = mesh.points[self._order], conditions.fixed[self._order]
         self._solver = make_solver(solver, reference, rigid_body_modes(points, fixed))
         self._lifts = self._imposed_displacements(reference)
+        self._matrix = reference
 
     @property
     def volumes(self):
@@ -222,9 +223,9 @@ class ElasticModel:
         """
         began = time.perf_counter()
         factor = stiffness_factor(phi, self.mesh.tets, self.material.void_ratio)
-        matrix = self._assembler.assemble(factor[self._tet_order])
+        self._matrix = self._assembler.assemble(factor[self._tet_order], self._matrix)
         assembled = time.perf_counter()
-        self._solver.update(matrix)
+        self._solver.update(self._matrix)
         prepared = time.perf_counter()
         cases, shape = self.conditions.cases, self.mesh.points.shape
         starts = [None] * len(cases) if start is None else np.reshape(start, (-1, *shape))

@@ -52,8 +52,11 @@ class WeakFormAssembler:
         self._node_major = np.empty(self._basis.N, np.int64)
         self._node_major[self._basis.nodal_dofs.T.ravel()] = np.arange(self._basis.N)
 
-    def assemble(self, factor):
-        """Return the stiffness matrix for factors c (m,): bsr_array (3 n, 3 n) [N/m]."""
+    def assemble(self, factor, into=None):
+        """Return the stiffness matrix for factors c (m,): bsr_array (3 n, 3 n) [N/m].
+
+        `into` is there for `assembly.Assembler`; here a matrix is always a new one.
+        """
         field = self._constants.interpolate(factor)
         matrix = self._form.assemble(self._basis, factor=field).tocoo()
         rows, columns, data = self._springs

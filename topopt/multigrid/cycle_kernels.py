@@ -8,7 +8,7 @@ are dealt out in chunks that do not depend on the number of threads.
 
 from numba import njit, prange
 
-from topopt.multigrid.lanes import (
+from topopt.lanes import (
     add,
     add_combination,
     add_rows_times,

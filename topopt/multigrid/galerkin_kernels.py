@@ -10,31 +10,50 @@ threads.
 import numpy as np
 from numba import njit, prange
 
-from topopt.multigrid.cycle_kernels import INLINE, OPTIONS
-from topopt.multigrid.lanes import (
+from topopt.lanes import (
     add,
     add_product,
     add_transposed_product,
+    convert,
     load,
+    scale,
     store,
+    subtract,
     transform,
     zero,
 )
+from topopt.multigrid.cycle_kernels import INLINE, OPTIONS
 
 
 @njit(parallel=True, **OPTIONS)
-def scale_to_single(chunks, blocks, scale, result):
-    """result = scale * blocks, in the precision of result."""
+def scale_to_single(chunks, blocks, factor, result):
+    """result = factor * blocks, in the precision of result."""
     for t in prange(chunks.shape[0] - 1):
         for k in range(chunks[t], chunks[t + 1]):
             for i in range(3):
                 for j in range(3):
-                    result[k, i, j] = scale * blocks[k, i, j]
+                    result[k, i, j] = factor * blocks[k, i, j]
+
+
+@njit(**INLINE)
+def _invert_block(width, k, blocks, floor, work):
+    """work = the inverse of block k, by Gauss-Jordan in place."""
+    for i in range(width):
+        store(convert(load(blocks, width * k + i, width), work), work, i)
+    for p in range(width):
+        pivot = max(work[p, p], floor * blocks[k, p, p])
+        work[p, p] = 1.0
+        own = scale(1.0 / pivot, load(work, p, width))
+        for i in range(width):
+            factor = work[i, p]
+            work[i, p] = 0.0
+            store(subtract(load(work, i, width), scale(factor, own)), work, i)
+        store(own, work, p)
 
 
 @njit(parallel=True, **OPTIONS)
 def invert_diagonal(chunks, diagonal, blocks, floor, result):
-    """Inverses of the diagonal blocks, by Gauss-Jordan in place and in double precision.
+    """Inverses of the diagonal blocks, in double precision.
 
     A pivot below `floor` of its diagonal entry (rounding, in single precision, can leave less
     than nothing of a nearly dependent direction) is replaced by that.
@@ -43,24 +62,16 @@ def invert_diagonal(chunks, diagonal, blocks, floor, result):
     for t in prange(chunks.shape[0] - 1):
         work = np.empty((b, b))
         for row in range(chunks[t], chunks[t + 1]):
-            k = diagonal[row]
+            k = np.int64(diagonal[row])
+            if b == 3:
+                _invert_block(3, k, blocks, floor, work)
+            else:
+                _invert_block(6, k, blocks, floor, work)
             for i in range(b):
-                for j in range(b):
-                    work[i, j] = blocks[k, i, j]
-            for p in range(b):
-                pivot = max(work[p, p], floor * blocks[k, p, p])
-                work[p, p] = 1.0
-                for j in range(b):
-                    work[p, j] /= pivot
-                for i in range(b):
-                    if i != p:
-                        factor = work[i, p]
-                        work[i, p] = 0.0
-                        for j in range(b):
-                            work[i, j] -= factor * work[p, j]
-            for i in range(b):
-                for j in range(b):
-                    result[row, i, j] = 0.5 * (work[i, j] + work[j, i])
+                for j in range(i + 1):
+                    mean = 0.5 * (work[i, j] + work[j, i])
+                    result[row, i, j] = mean
+                    result[row, j, i] = mean
 
 
 @njit(**INLINE)
@@ -155,10 +166,9 @@ def _galerkin_row(
     width, g, place, r_indptr, r_indices, r_places, p_blocks, ap_indptr, ap_indices, ap_blocks,
     c_indptr, c_indices, c_blocks,
 ):  # fmt: skip
-    first, last = c_indptr[g], c_indptr[g + 1]
-    _clear(6, c_blocks, first, last)
-    for s in range(first, last):
+    for s in range(c_indptr[g], c_indptr[g + 1]):
         place[c_indices[s]] = s
+    _clear(6, c_blocks, place[g], c_indptr[g + 1])
     for k in range(r_indptr[g], r_indptr[g + 1]):
         row, here = np.int64(r_indices[k]), r_places[k]
         for q in range(ap_indptr[row], ap_indptr[row + 1]):
@@ -167,14 +177,30 @@ def _galerkin_row(
                 add_transposed_product(p_blocks, here, ap_blocks, q, c_blocks, place[h], width)
 
 
+@njit(**INLINE)
+def _mirror_row(g, diagonal, last, c_transposed, c_blocks):
+    """Blocks (h, g) from the blocks (g, h), h >= g; a coarse unknown that moves nothing gets 1."""
+    for i in range(6):
+        for j in range(i):
+            c_blocks[diagonal, i, j] = c_blocks[diagonal, j, i]
+        if c_blocks[diagonal, i, i] == 0:
+            c_blocks[diagonal, i, i] = 1
+    for s in range(diagonal + 1, last):
+        for i in range(6):
+            for j in range(6):
+                c_blocks[c_transposed[s], i, j] = c_blocks[s, j, i]
+
+
 @njit(parallel=True, **OPTIONS)
-def galerkin_upper(
+def galerkin(
     chunks, r_indptr, r_indices, r_places, p_blocks, ap_indptr, ap_indices, ap_blocks,
-    c_indptr, c_indices, c_blocks, n_coarse,
+    c_indptr, c_indices, c_transposed, c_blocks, n_coarse,
 ):  # fmt: skip
-    """Upper half of P^T (A P), on its known pattern.
+    """P^T (A P), on its known pattern: the upper half, mirrored.
 
     Row g of P^T has its blocks at p_blocks[r_places[k]], of the fine rows r_indices[k].
+    c_transposed[s] is where the block (h, g) stands if the s-th block is (g, h): whoever computes
+    the one writes the other, too.
     """
     for t in prange(chunks.shape[0] - 1):
         place = np.empty(n_coarse, np.uint32)
@@ -189,22 +215,4 @@ def galerkin_upper(
                     6, g, place, r_indptr, r_indices, r_places, p_blocks,
                     ap_indptr, ap_indices, ap_blocks, c_indptr, c_indices, c_blocks,
                 )  # fmt: skip
-
-
-@njit(parallel=True, **OPTIONS)
-def mirror(chunks, c_indptr, c_indices, c_transposed, c_blocks):
-    """Lower half from the upper one; a coarse unknown that moves nothing gets a diagonal of 1.
-
-    c_transposed[s] is where the block (h, g) stands if the s-th block is (g, h).
-    """
-    for t in prange(chunks.shape[0] - 1):
-        for g in range(chunks[t], chunks[t + 1]):
-            for s in range(c_indptr[g], c_indptr[g + 1]):
-                if c_indices[s] <= g:  # a diagonal block is its own transpose
-                    for i in range(6):
-                        for j in range(6 if c_indices[s] < g else i):
-                            c_blocks[s, i, j] = c_blocks[c_transposed[s], j, i]
-                if c_indices[s] == g:
-                    for i in range(6):
-                        if c_blocks[s, i, i] == 0:
-                            c_blocks[s, i, i] = 1
+            _mirror_row(g, np.int64(place[g]), np.int64(c_indptr[g + 1]), c_transposed, c_blocks)

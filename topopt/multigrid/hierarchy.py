@@ -85,13 +85,11 @@ class Level:
         )  # fmt: skip
         galerkin_kernels.multiply(self.chunks, *self.matrix, *prolongator, *product, c.rows)
         r = self.transfer.restriction
-        galerkin_kernels.galerkin_upper(
+        galerkin_kernels.galerkin(
             self.transfer.galerkin_chunks, r.indptr, r.indices, self.transfer.restriction_places,
-            self.p_blocks, *product, c.indptr, c.indices, self.coarse_blocks, c.rows,
+            self.p_blocks, *product, c.indptr, c.indices, self.transfer.coarse_transposed,
+            self.coarse_blocks, c.rows,
         )  # fmt: skip
-        galerkin_kernels.mirror(
-            c.chunks, c.indptr, c.indices, self.transfer.coarse_transposed, self.coarse_blocks
-        )
 
     def _estimate_largest(self):
         """Power iteration for lambda_max(D^-1 A) from the reference matrix's vector.

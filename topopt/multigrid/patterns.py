@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from topopt.multigrid.aggregation import membership
 
 INDEX = np.uint32
-ROWS_PER_CHUNK = 128
+WORK_PER_CHUNK = 1024  # blocks
 MAX_CHUNKS = 64
 
 
@@ -84,7 +84,7 @@ def equal_chunks(work):
     The chunks depend on the rows only, never on the number of threads: sums over chunks come out
     the same on any machine.
     """
-    count = max(1, min(MAX_CHUNKS, len(work) // ROWS_PER_CHUNK))
+    count = max(1, min(MAX_CHUNKS, len(work), int(np.sum(work)) // WORK_PER_CHUNK))
     total = np.concatenate([[0], np.cumsum(work)])
     inner = np.searchsorted(total, np.linspace(0, total[-1], count + 1)[1:-1])
     return np.concatenate([[0], inner, [len(work)]]).astype(np.int64)

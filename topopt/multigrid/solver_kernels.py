@@ -6,8 +6,8 @@ the same on any number of threads.
 
 from numba import njit, prange
 
+from topopt.lanes import add, convert, dot, load, scale, store, subtract
 from topopt.multigrid.cycle_kernels import INLINE, OPTIONS, row_product
-from topopt.multigrid.lanes import add, convert, dot, load, scale, store, subtract
 
 
 @njit(**INLINE)

@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from numpy.testing import assert_allclose, assert_array_equal
 
-from topopt.multigrid import lanes
+from topopt import lanes
 
 
 @njit
@@ -16,6 +16,10 @@ def rows_of_three(a, b, single, out):
     lanes.store(lanes.scale(2.5, x), out, 2)
     lanes.store(lanes.convert(lanes.load(single, 2, 3), out), out, 3)
     lanes.store(lanes.zero(out, 3), out, 4)
+    outer = lanes.add_outer(lanes.zero_rows(a, 3, 3), x, y)
+    outer = lanes.add_outer(outer, x, x)
+    for i in range(3):
+        lanes.store(outer[i], out, 6 + i)
     lanes.prefetch(a, 1, 3, 3, 4096)  # far beyond the end
     return lanes.dot(x, y)
 
@@ -46,11 +50,12 @@ def rng():
 
 def test_rows(rng):
     a, b, single = rng.random((2, 3)), rng.random((1, 3)), rng.random((3, 3)).astype(np.float32)
-    out = np.full((6, 3), 7.0)
+    out = np.full((9, 3), 7.0)
     found = rows_of_three(a, b, single, out)
     assert found == pytest.approx(a[1] @ b[0], rel=1e-14)
     expected = [a[1] + b[0], a[1] - b[0], 2.5 * a[1], single[2], np.zeros(3), np.full(3, 7.0)]
-    assert_array_equal(out, expected)
+    assert_array_equal(out[:6], expected)
+    assert_allclose(out[6:], np.outer(a[1], a[1] + b[0]), rtol=1e-14)
 
 
 @pytest.mark.parametrize("precision", [np.float32, np.float64])

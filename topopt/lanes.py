@@ -236,6 +236,23 @@ def add_rows_times(typing, sums, blocks, k, x, j):
 
 
 @intrinsic
+def add_outer(typing, sums, left, right):
+    """sums[i] += left[i] * right: adds the outer product of two rows."""
+    width = right.count
+
+    def generate(context, builder, signature, args):
+        total = args[0]
+        for i in range(sums.count):
+            factor = builder.extract_element(args[1], ir.Constant(INT32, i))
+            row = builder.extract_value(total, i)
+            added = _add_times(builder, row, _spread(builder, factor, width), args[2])
+            total = builder.insert_value(total, added, i)
+        return total
+
+    return sums(sums, left, right), generate
+
+
+@intrinsic
 def row_sums(typing, sums):
     """The sum of each row of a tuple of rows, as Lanes."""
     result = Lanes(sums.dtype.dtype, sums.count)
