@@ -35,6 +35,7 @@ class MeshStage:
             kind=section.kind,
             cache=None if section.cache else False,
             log=LOG.info,
+            time_limit=section.time_limit,
         )
         run.mesh = attach_sets(mesh, run.problem)
         save_tet_mesh(run.folder / "mesh.npz", run.mesh)

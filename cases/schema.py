@@ -245,6 +245,9 @@ class MeshSection(Section):
         None, description="edge length aimed at [m]"
     )
     cache: bool = Field(True, description="keep meshes on disk and use them again")
+    time_limit: fields.number(above=0.0) = Field(
+        1800.0, description="seconds after which meshing gives up"
+    )
 
     @model_validator(mode="after")
     def _one_of_both(self):

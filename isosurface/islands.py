@@ -47,8 +47,9 @@ def drop_islands(field, level=0.5):
     Parameters
     ----------
     field : PhaseField
-        Loads and supports are the facet sets "load:*" and "support:*" of its mesh. If the mesh has
-        no set of a kind, that kind is not asked for; a symmetry plane is neither.
+        Loads and supports are the facet and node sets "load:*" and "support:*" of its mesh (a knife
+        edge or a point holds nodes, but has no facet). If the mesh has no set of a kind, that kind
+        is not asked for; a symmetry plane is neither.
     level : float
 
     Returns
@@ -98,11 +99,13 @@ def _pieces(tets, chosen):
 
 
 def _touched(mesh, piece, count, kind):
-    """Pieces (count,) bool with a node on a facet of some set of the kind; all if there is none."""
-    sets = [facets for name, facets in mesh.facet_sets.items() if name.startswith(kind)]
-    if not sets:
+    """Pieces (count,) bool with a node in some set of the kind, or on a facet of one; all pieces if
+    there is no such set."""
+    facets = [mesh.facets[of] for name, of in mesh.facet_sets.items() if name.startswith(kind)]
+    nodes = [of for name, of in mesh.node_sets.items() if name.startswith(kind)]
+    if not facets and not nodes:
         return np.ones(count, dtype=bool)
-    found = piece[mesh.facets[np.concatenate(sets)]]
+    found = piece[np.concatenate([of.ravel() for of in (*facets, *nodes)])]
     touched = np.zeros(count, dtype=bool)
     touched[found[found >= 0]] = True
     return touched

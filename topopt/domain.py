@@ -5,11 +5,12 @@ therefore kept on disk. `kind="bcc"` is a lattice, for boxes only: at once, and 
 """
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
 
-from meshes.errors import InvalidCase
+from meshes.errors import InvalidCase, NotConverged
 from meshes.patch import Patch
 from meshes.quality import area_vectors, signed_volume
 from meshes.structured import bcc_box, box_patches
@@ -19,7 +20,13 @@ from topopt.geometry import morton_order
 from topopt.meshing_cache import cache_key, cached, default_cache, mesh_hash
 from topopt.meshing_count import Size, mesh_by_count
 from topopt.meshing_frame import frame_of, in_frame
-from topopt.meshing_tetwild import EPSILON, mesh_frame, on_axis_planes, pytetwild_version
+from topopt.meshing_tetwild import (
+    EPSILON,
+    OutOfTime,
+    mesh_frame,
+    on_axis_planes,
+    pytetwild_version,
+)
 
 __all__ = ["attach_sets", "default_cache", "mesh_domain", "mesh_hash"]
 
@@ -28,7 +35,15 @@ MOST_TETS = 50_000_000
 BCC_EDGE = 0.923  # mean edge of a body-centred cubic mesh, in units of its cells
 
 
-def mesh_domain(problem, edge_length=None, tets=None, kind="pytetwild", cache=None, log=None):
+def mesh_domain(
+    problem,
+    edge_length=None,
+    tets=None,
+    kind="pytetwild",
+    cache=None,
+    log=None,
+    time_limit=None,
+):
     """Mesh the domain of a problem.
 
     Parameters
@@ -44,6 +59,8 @@ def mesh_domain(problem, edge_length=None, tets=None, kind="pytetwild", cache=No
         Folder in which pytetwild's meshes are kept; `default_cache()` if not given, none if False.
     log : callable taking a str, optional
         Told what happens.
+    time_limit : float, optional [s]
+        That pytetwild may take in all.
 
     Returns
     -------
@@ -56,7 +73,7 @@ def mesh_domain(problem, edge_length=None, tets=None, kind="pytetwild", cache=No
     InvalidCase
         Arguments that make no sense, or a surface that bounds no solid.
     NotConverged
-        If no valid mesh, or none within 5 % of the count, was found.
+        If no valid mesh, or none within 5 % of the count, was found, or not in time.
     """
     log = log or (lambda message: None)
     _check_arguments(edge_length, tets, kind)
@@ -68,9 +85,10 @@ def mesh_domain(problem, edge_length=None, tets=None, kind="pytetwild", cache=No
         return _bcc_mesh(frame, length, tets, log)
 
     def make():
+        mesh_at = _Meshing(frame, log, time_limit)
         if tets is None:
-            return _mesh_at(frame, length, log)
-        return mesh_by_count(lambda h: _mesh_at(frame, h, log), size, tets, log)
+            return mesh_at(length)
+        return mesh_by_count(mesh_at, size, tets, log)
 
     settings = [MESHING_VERSION, pytetwild_version(), EPSILON, length, tets, frame.exact]
     folder = None if cache is False else cache or default_cache()
@@ -104,12 +122,36 @@ def _area(frame):
     return float(np.linalg.norm(area_vectors(frame.points, frame.faces), axis=1).sum())
 
 
-def _mesh_at(frame, length, log):
-    """Mesh at one edge length of the frame, and tell what came out."""
-    log(f"pytetwild meshes with the edge length {length * frame.scale:.4g} m ...")
-    mesh = mesh_frame(frame, length, log)
-    log(f"... and gives {len(mesh.tets):,} tets")
-    return mesh
+class _Meshing:
+    """Meshes a frame at one edge length after another, until its time is up."""
+
+    def __init__(self, frame, log, time_limit):
+        self._frame, self._log, self._limit = frame, log, time_limit
+        self._began, self._counts = time.monotonic(), []
+
+    def __call__(self, length):
+        """The mesh of an edge length of the frame; tells what came out."""
+        metres = length * self._frame.scale
+        self._log(f"pytetwild meshes with the edge length {metres:.4g} m ...")
+        left = None
+        if self._limit is not None:
+            left = max(self._limit - (time.monotonic() - self._began), 1e-3)
+        try:
+            mesh = mesh_frame(self._frame, length, self._log, left)
+        except OutOfTime as error:
+            raise NotConverged(self._out_of_time(metres), tuple(self._counts)) from error
+        self._counts.append(len(mesh.tets))
+        self._log(f"... and gives {len(mesh.tets):,} tets")
+        return mesh
+
+    def _out_of_time(self, metres):
+        so_far = ", ".join(f"{count:,}" for count in sorted(set(self._counts)))
+        advice = f"ask for one of the counts that came out ({so_far}), " if so_far else ""
+        return (
+            f"the domain was not meshed within {self._limit:g} s (at an edge length of "
+            f"{metres:.3g} m); {advice}use a longer edge or fewer tets, simplify the domain's "
+            f"surface (fine detail and jags cost the most), or raise mesh.time_limit."
+        )
 
 
 def _in_metres(mesh, frame):

@@ -14,6 +14,8 @@ from meshes.errors import NotConverged
 WANTED, ALLOWED = 0.03, 0.05  # relative errors of the count: where tries are cheap, and at most
 COARSE = 40_000  # tets of the largest mesh that counts as cheap
 CHEAP_TRIES, MIDDLE_TRIES, FULL_TRIES = 14, 2, 5
+FLAT = 0.15  # relative spread of counts that no longer fall
+WIDE = math.log(2.0)  # logarithm of the ratio of edge lengths over which they should have
 NARROW = 0.001  # logarithm of the ratio of edge lengths between which no other is tried
 LONGEST_STEP = 0.4  # likewise, between one edge length and the next
 DENSITY = 9.0  # tets per cube of the edge length, roughly, for the very first guess
@@ -68,6 +70,17 @@ class EdgeLengthSearch:
         many, few = self.bracket()
         return many is not None and few is not None and abs(few[0] - many[0]) < NARROW
 
+    def floor(self):
+        """Least count, if longer edges do not lower it any more and it is above the target."""
+        _, few = self.bracket()
+        longest = sorted(self.tried)[-3:]
+        if few is not None or len(longest) < 3:
+            return None
+        counts = [self.target * math.exp(error) for _, error in longest]
+        spread = longest[-1][0] - longest[0][0]
+        flat = max(counts) < (1.0 + FLAT) * min(counts)
+        return round(min(counts)) if flat and spread > WIDE else None
+
     def next(self):
         """The edge length to try next."""
         many, few = self.bracket()
@@ -103,6 +116,11 @@ def mesh_by_count(mesh_at, size, target, log):
     ------
     NotConverged
         If no mesh within 5 % was found; the history holds the counts tried.
+
+    Notes
+    -----
+    A curved or detailed surface needs a certain number of tets however long the edges: the search
+    ends when three lengths, over a factor of two, give the same number above the target.
     """
     halvings = 0
     while target / 8**halvings > COARSE:
@@ -151,6 +169,13 @@ def search(mesh_at, edge_length, target, tries, enough=WANTED):
             least, best = error, (edge_length, mesh)
         if least <= enough or seeker.stuck():
             break
+        if seeker.floor() is not None:
+            raise NotConverged(
+                f"no mesh of {target:,.0f} tets was found: the shape of the domain alone takes "
+                f"about {seeker.floor():,}, however long the edges; ask for more than that, or "
+                f"simplify its surface.",
+                counts,
+            )
         edge_length = seeker.next()
     return *best, counts
 

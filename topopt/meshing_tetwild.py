@@ -9,6 +9,8 @@ import io
 import os
 import subprocess
 import sys
+import tempfile
+import time
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -32,6 +34,10 @@ MORTON_BITS = 21
 WORKER = Path(__file__).with_name("meshing_worker.py")
 
 
+class OutOfTime(NotConverged):
+    """Meshing took longer than allowed."""
+
+
 def pytetwild_version():
     """The installed version of pytetwild; InvalidCase if there is none."""
     try:
@@ -42,13 +48,15 @@ def pytetwild_version():
         ) from None
 
 
-def tetrahedralize(points, faces, **options):
-    """Run pytetwild in a process of its own.
+def tetrahedralize(points, faces, seconds=None, **options):
+    """Run pytetwild in a process and a folder of its own (it leaves files where it runs).
 
     Parameters
     ----------
     points : (n, 3) float array
     faces : (f, 3) int array
+    seconds : float, optional
+        The process is ended after that time.
     options
         Of pytetwild.tetrahedralize.
 
@@ -61,16 +69,24 @@ def tetrahedralize(points, faces, **options):
     ------
     NotConverged
         If the process fails; says how it ended.
+    OutOfTime
+        If it takes longer than `seconds`.
     """
     surface = io.BytesIO()
     np.savez(surface, vertices=points, faces=faces.astype(np.int32), **options)
-    search_path = os.pathsep.join(path for path in sys.path if path)
-    done = subprocess.run(
-        [sys.executable, "-P", str(WORKER)],
-        input=surface.getvalue(),
-        capture_output=True,
-        env={**os.environ, "PYTHONPATH": search_path},
-    )
+    search_path = os.pathsep.join(os.path.abspath(path) for path in sys.path if path)
+    try:
+        with tempfile.TemporaryDirectory(prefix="phasemesh-") as folder:
+            done = subprocess.run(
+                [sys.executable, "-P", str(WORKER)],
+                input=surface.getvalue(),
+                capture_output=True,
+                env={**os.environ, "PYTHONPATH": search_path},
+                cwd=folder,
+                timeout=seconds,
+            )
+    except subprocess.TimeoutExpired:
+        raise OutOfTime("pytetwild was still meshing when its time was up") from None
     if done.returncode or not done.stdout:
         last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
         how = f"signal {-done.returncode}" if done.returncode < 0 else f"code {done.returncode}"
@@ -82,7 +98,7 @@ def tetrahedralize(points, faces, **options):
         return archive["points"], archive["tets"].astype(np.int32)
 
 
-def mesh_frame(frame, edge_length, log):
+def mesh_frame(frame, edge_length, log, seconds=None):
     """Mesh the domain of a frame, in the frame.
 
     Parameters
@@ -91,6 +107,8 @@ def mesh_frame(frame, edge_length, log):
     edge_length : float
         In units of the domain's longest side.
     log : callable taking a str
+    seconds : float, optional
+        Time that all tries may take together.
 
     Returns
     -------
@@ -101,12 +119,16 @@ def mesh_frame(frame, edge_length, log):
     ------
     NotConverged
         If no mesh passed the checks.
+    OutOfTime
+        If the time was up before.
     """
-    reasons = []
+    reasons, began = [], time.monotonic()
     for _ in range(TRIES):
+        left = None if seconds is None else max(seconds - (time.monotonic() - began), 1e-3)
         points, tets = tetrahedralize(
             frame.points,
             frame.faces,
+            seconds=left,
             edge_length_abs=edge_length,
             epsilon=EPSILON,
             num_threads=1,

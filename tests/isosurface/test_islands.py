@@ -60,6 +60,19 @@ def test_only_the_kinds_of_sets_that_exist_are_asked_for(loads, supports, island
     assert drop_islands(two_rods_and_a_ball(loads, supports))[1].islands == islands
 
 
+def test_a_knife_edge_that_holds_nodes_alone_is_a_support():
+    field = two_rods_and_a_ball(supports=False)
+    x, y, _ = field.mesh.points.T
+    nodes = np.flatnonzero((x == 0.0) & (y < 0.5))  # of the rod that is loaded, not of the other
+    facets = dict(field.mesh.facet_sets) | {"support:edge": np.empty(0, np.int32)}
+    mesh = field.mesh.with_sets(facets, {"support:edge": nodes})
+    report = drop_islands(PhaseField(mesh, field.values))[1]
+    assert report.components - report.islands == 1
+    elsewhere = mesh.with_sets(facets, {"support:edge": np.flatnonzero((x == 0.5) & (y == 1.0))})
+    with pytest.raises(InvalidMesh, match="none of the 3 pieces"):
+        drop_islands(PhaseField(elsewhere, field.values))
+
+
 def test_lowered_values_lie_below_the_level_and_in_the_unit_interval():
     field = two_rods_and_a_ball()
     field = PhaseField(field.mesh, np.where(np.abs(field.values - 0.5) < 0.1, 0.5, field.values))

@@ -131,7 +131,7 @@ def lattice(monkeypatch):
 
 def test_planes_are_snapped_unused_nodes_dropped_and_nodes_renumbered(lattice, tmp_path):
     check_box(mesh_domain(box(), edge_length=0.004, cache=tmp_path), LOWER, LOWER + SIZE)
-    options = {"num_threads": 1, "vtk_ordering": True, "epsilon": 1e-3}
+    options = {"num_threads": 1, "vtk_ordering": True, "epsilon": 1e-3, "seconds": None}
     assert lattice == [options | {"edge_length_abs": pytest.approx(0.08, rel=1e-12)}]
 
 
@@ -210,6 +210,25 @@ def test_a_crash_of_pytetwild_is_a_sentence(program, how, monkeypatch, tmp_path,
     with pytest.raises(NotConverged, match=how):
         mesh_domain(box(), edge_length=COARSE, cache=False)
     assert capfd.readouterr() == ("", "")
+
+
+def test_meshing_ends_when_its_time_is_up(monkeypatch, tmp_path):
+    script = tmp_path / "worker.py"
+    script.write_text("import time; time.sleep(60)")
+    monkeypatch.setattr(meshing_tetwild, "WORKER", script)
+    for arguments in ({"edge_length": COARSE}, {"tets": 2000}):
+        with pytest.raises(NotConverged, match=r"not meshed within 0\.3 s .*mesh\.time_limit\.$"):
+            mesh_domain(box(), **arguments, cache=False, time_limit=0.3)
+
+
+def test_what_pytetwild_leaves_behind_is_not_left_here(monkeypatch, tmp_path):
+    script = tmp_path / "worker.py"
+    script.write_text("open('left.stl', 'w').close(); raise MemoryError('words')")
+    monkeypatch.setattr(meshing_tetwild, "WORKER", script)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(NotConverged, match="words"):
+        mesh_domain(box(), edge_length=COARSE, cache=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["worker.py"]
 
 
 # The lattice of kind "bcc"

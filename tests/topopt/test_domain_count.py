@@ -77,6 +77,21 @@ def test_a_count_in_a_sharp_jump_is_refused_with_the_nearest_ones():
     assert abs(counts - below).min() / below < 0.03 and abs(counts - above).min() / above < 0.03
 
 
+def test_a_shape_that_takes_more_tets_is_given_up_soon():
+    counts = []
+
+    def mesh_at(edge_length):
+        rng = np.random.default_rng(len(counts))
+        counts.append(int(1100 * rng.uniform(0.97, 1.03) + 4 * edge_length**-3))
+        return SimpleNamespace(tets=range(counts[-1]))
+
+    with pytest.raises(NotConverged, match=r"no mesh of 600 tets .* about 1,\d\d\d, however"):
+        mesh_by_count(mesh_at, BOX, 600, lambda word: None)
+    assert len(counts) <= 6
+    found = mesh_by_count(mesh_at, BOX, 3000, lambda word: None)
+    assert len(found.tets) == pytest.approx(3000, rel=0.05)
+
+
 @pytest.mark.parametrize("tets", [100, 10_000, 10_000_000])
 def test_the_first_guess_inverts_the_count(tets):
     assert BOX.count(BOX.edge_length(tets)) == pytest.approx(tets, rel=1e-9)
