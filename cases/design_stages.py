@@ -18,7 +18,7 @@ from topopt.elasticity import ElasticModel, von_mises
 from topopt.geometry import tet_geometry
 from topopt.interpolation import stiffness_factor
 from topopt.optimize import OptimizationSettings, optimize
-from topopt.parameters import measured_interface
+from topopt.parameters import mean_edge_length, measured_interface, too_coarse
 
 LOG = logging.getLogger("phasemesh")
 
@@ -185,6 +185,7 @@ def _design_figures(run, result, model, conditions, stress):
         "largest_von_mises_Pa": float(stress[:, solid].max(initial=0.0)),
         "interface_m": width,
         "elements_across_interface": elements,
+        "too_coarse": too_coarse(mean_edge_length(mesh), result.eps, len(mesh.tets)),
     }
 
 

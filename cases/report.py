@@ -51,6 +51,8 @@ def _design_lines(run):
         ("interface", _interface(design)),
         ("largest von Mises", f"{design['largest_von_mises_Pa'] / 1e6:.4g} MPa"),
     ]
+    if design.get("too_coarse"):
+        rows.append(("MESH TOO COARSE", design["too_coarse"]))
     for case in design["load_cases"]:
         rows += _case_rows(run, case, several=len(design["load_cases"]) > 1)
     return [line for name, text in rows for line in _row(name, text)]

@@ -71,14 +71,30 @@ def warn_if_coarse(mesh, eps, phi=None):
         mean = phi[tets].mean(axis=1)
         inside = (mean > 0.1) & (mean < 0.9)
         tets = tets[inside] if np.any(inside) else tets
-    edge, width = mean_edge_length(mesh, tets), interface_width(eps)
-    if width / edge < LEAST_ELEMENTS:
-        LOG.warning(
-            "only %.1f elements (mean edge %.3g m) cross the interface of %.3g m; "
-            "an edge length of %.2g m would give %g.",
-            *(width / edge, edge, width, width / LEAST_ELEMENTS, LEAST_ELEMENTS),
-        )
-    return width / edge
+    edge = mean_edge_length(mesh, tets)
+    words = too_coarse(edge, eps, len(mesh.tets))
+    if words:
+        LOG.warning("%s", words)
+    return interface_width(eps) / edge
+
+
+def too_coarse(edge, eps, tets):
+    """One sentence, with the mesh that would do, if too few edges [m] cross the interface of eps.
+
+    Returns
+    -------
+    str or None
+    """
+    width = interface_width(eps)
+    across = width / edge
+    if not across < LEAST_ELEMENTS:
+        return None
+    count = float(f"{tets * (LEAST_ELEMENTS / across) ** 3:.2g}")
+    return (
+        f"only {across:.1f} elements (mean edge {edge:.3g} m) cross the interface of {width:.3g} "
+        f"m; an edge length of {width / LEAST_ELEMENTS:.2g} m (about {count:,.0f} tets) would give "
+        f"{LEAST_ELEMENTS:g}, or a larger eps."
+    )
 
 
 def measured_interface(mesh, geometry, phi):

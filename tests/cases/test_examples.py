@@ -122,6 +122,20 @@ def test_the_press_moves_as_it_is_told_and_tells_its_force(runs):
     assert "force at punch" in (folder / "summary.txt").read_text()
 
 
+def test_a_mesh_that_is_too_coarse_is_told_with_the_mesh_that_would_do(runs):
+    """eps: auto follows the mesh; a given one may be too small for it."""
+    assert "COARSE" not in (runs("console") / "summary.txt").read_text()
+    out = runs.base / "coarse"
+    settings = [*TINY, "mesh.kind=bcc", "mesh.tets=900", "topopt.eps=3mm"]
+    arguments = [str(EXAMPLES / "console.yaml"), "--out", str(out), "--quiet", "--stop-after"]
+    assert main([*arguments, "topopt", "--set", *settings]) == 0
+    (line,) = [li for li in (out / "summary.txt").read_text().splitlines() if "COARSE" in li]
+    edge = float(line.partition("an edge length of ")[2].split()[0])
+    assert edge == pytest.approx(np.pi * 0.003 / np.sqrt(2) / 4, rel=0.05)
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert any("would give 4" in words for words in manifest["warnings"])
+
+
 def test_the_bracket_is_made_meshed_and_loaded_in_its_eye(runs, monkeypatch):
     monkeypatch.syspath_prepend(str(EXAMPLES))
     import bracket
