@@ -8,14 +8,15 @@ from meshes.io import write_atomically
 
 def write_json(path, data):
     """Write `data` as indented JSON; NaN and infinities, which JSON lacks, become null."""
-    write_atomically(path, json.dumps(_plain(data), indent=2, allow_nan=False) + "\n")
+    write_atomically(path, json.dumps(plain(data), indent=2, allow_nan=False) + "\n")
 
 
-def _plain(value):
+def plain(value):
+    """Return `value` with nothing but what JSON knows."""
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if hasattr(value, "item"):  # numpy's scalars
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):

@@ -32,22 +32,37 @@ def make_pictures(folder, timeout=TIMEOUT):
     str or None
         One sentence if some could not be drawn.
     """
-    environment = {**os.environ, "VTK_LOGGING_LEVEL": "OFF"}
-    root = str(Path(__file__).resolve().parent.parent)
-    earlier = environment.get("PYTHONPATH")
-    environment["PYTHONPATH"] = root + (os.pathsep + earlier if earlier else "")
-    command = [sys.executable, "-m", "cases.pictures", str(folder)]
     try:
-        done = subprocess.run(command, capture_output=True, timeout=timeout, env=environment)
+        reason = run_apart("cases.pictures", [folder], timeout)
     except subprocess.TimeoutExpired:
         return f"pictures: not all were drawn within {timeout:g} s"
     except OSError as error:
         return f"pictures: none were drawn ({error.strerror})"
+    return reason and f"pictures: only those without 3D views were drawn, for {reason}"
+
+
+def run_apart(module, arguments, timeout=TIMEOUT):
+    """Run a module that draws in a process of its own.
+
+    Returns
+    -------
+    str or None
+        Why it failed, if it did.
+
+    Raises
+    ------
+    subprocess.TimeoutExpired, OSError
+    """
+    environment = {**os.environ, "VTK_LOGGING_LEVEL": "OFF"}
+    root = str(Path(__file__).resolve().parent.parent)
+    earlier = environment.get("PYTHONPATH")
+    environment["PYTHONPATH"] = root + (os.pathsep + earlier if earlier else "")
+    command = [sys.executable, "-m", module, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, timeout=timeout, env=environment)
     if done.returncode == 0:
         return None
     lines = done.stderr.decode(errors="replace").strip().splitlines()
-    reason = lines[-1] if done.returncode == 2 and lines else "no OpenGL is to be had here"
-    return f"pictures: only those without 3D views were drawn, for {reason}"
+    return lines[-1] if done.returncode == 2 and lines else "no OpenGL is to be had here"
 
 
 def draw_all(folder):
@@ -98,7 +113,7 @@ def draw_convergence(history, path):
         axes.legend(frameon=False)
         axes.grid(alpha=0.3)
     figure.tight_layout()
-    _replace(path, lambda temporary: figure.savefig(temporary))
+    replace(path, lambda temporary: figure.savefig(temporary))
     pyplot.close(figure)
 
 
@@ -118,13 +133,13 @@ def draw_domain(mesh, path, tractions=None):
         for name, facets in mesh.facet_sets.items():
             if name.startswith(kind) and len(facets):
                 plain[facets] = False
-                patch = _poly(mesh.points, mesh.facets[facets])
+                patch = poly(mesh.points, mesh.facets[facets])
                 plotter.add_mesh(patch, color=colour, lighting=False)
                 direction = (tractions or {}).get(name.removeprefix("load:"))
                 if kind == "load:" and direction is not None:
                     tail = _add_arrow(plotter, mesh, facets, np.asarray(direction, float))
                     seen.append(tail[None])
-    walls = _poly(mesh.points, mesh.facets[plain])
+    walls = poly(mesh.points, mesh.facets[plain])
     plotter.add_mesh(walls, color="#f2f2f2", culling="front", ambient=0.6, diffuse=0.4)
     plotter.add_mesh(_outline(mesh), color=_EDGE, line_width=2)
     planes = ", ".join(plane.name for plane in mesh.symmetry)
@@ -157,7 +172,7 @@ def draw_surface(surface, path, edges=False):
 
 def draw_close_up(surface, path):
     """Draw the neighbourhood of the most refined place of a surface."""
-    focus, normal = _most_refined(surface)
+    focus, normal = most_refined(surface)
     plotter = _plotter()
     _add_surface(plotter, surface, True, line_width=2)
     distance = 2.0 * surface.diagonal
@@ -168,11 +183,11 @@ def draw_close_up(surface, path):
     plotter.camera.parallel_projection = True
     plotter.camera.parallel_scale = 0.06 * surface.diagonal
     plotter.reset_camera_clipping_range()
-    _replace(path, lambda temporary: plotter.screenshot(temporary))
+    replace(path, lambda temporary: plotter.screenshot(temporary))
     plotter.close()
 
 
-def _most_refined(surface):
+def most_refined(surface):
     """A vertex around which the edges are short, and the mean normal there."""
     table = edge_table(surface.faces)
     ends = surface.points[table.edges]
@@ -201,7 +216,8 @@ def _plotter():
     return plotter
 
 
-def _poly(points, faces):
+def poly(points, faces):
+    """The triangles (m, 3) as PyVista's surface."""
     import pyvista
 
     return pyvista.PolyData.from_regular_faces(np.array(points), np.array(faces))
@@ -209,7 +225,7 @@ def _poly(points, faces):
 
 def _outline(mesh):
     """The sharp edges of the domain."""
-    return _poly(mesh.points, mesh.facets).extract_feature_edges(
+    return poly(mesh.points, mesh.facets).extract_feature_edges(
         30.0, boundary_edges=False, manifold_edges=False, non_manifold_edges=False
     )
 
@@ -220,7 +236,7 @@ def _add_surface(plotter, surface, edges, line_width=1):
     for chosen, colour in ((~capped, _MATERIAL), (capped, _CAP)):
         if chosen.any():
             plotter.add_mesh(
-                _poly(surface.points, surface.faces[chosen]),
+                poly(surface.points, surface.faces[chosen]),
                 color=colour,
                 show_edges=edges,
                 edge_color=_EDGE,
@@ -246,11 +262,11 @@ def _shoot(plotter, points, path):
     plotter.camera.parallel_projection = True
     plotter.camera.parallel_scale = 1.08 * half
     plotter.reset_camera_clipping_range()
-    _replace(path, lambda temporary: plotter.screenshot(temporary))
+    replace(path, lambda temporary: plotter.screenshot(temporary))
     plotter.close()
 
 
-def _replace(path, save):
+def replace(path, save):
     """Save under a temporary name, then rename."""
     temporary = path.with_name(f".{path.name}.png")
     try:

@@ -4,8 +4,8 @@ Exit codes as in `cases.cli`; OUT appears when it is complete, or not at all. Le
 unit of the file.
 """
 
+import os
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,7 +15,7 @@ from cyclopts import App, Parameter
 from cases import quantities
 from cases.cli import run_guarded, set_threads
 from cases.progress import make_reporter
-from meshes.errors import InvalidCase
+from meshes.errors import InvalidCase, NotConverged
 
 _UNIT_EXPONENT = {"m": 0, "cm": 2, "mm": 3}
 
@@ -29,37 +29,59 @@ class Request:
     source, destination : Path
     vertices : int or None
     edge_length : float or None [file units]
-    sigma : str
-    iterations : int
+    sigma : float, str or None
+        In diagonals, or a text with a unit; None: chosen from the surface.
+    reference : "auto", "rbf" or "triangles"
+    fix_boundary : bool
+    fill_holes : float
+        In diagonals.
+    repair : bool
+        Whether a surface that needs repair is repaired, or refused.
     smooth : bool
+    iterations : int
     algorithm : "default" or "thesis"
     unit : "m", "cm" or "mm"
         Of the file; only a sigma with a unit needs it.
     seed : int
     threads : int or None
+    json : str or None
+        A path, or "-".
+    picture : Path or None
     quiet, verbose : bool
     """
 
     source: Path
     destination: Path
-    vertices: int | None
-    edge_length: float | None
-    sigma: str
-    iterations: int
-    smooth: bool
-    algorithm: str
-    unit: str
-    seed: int
-    threads: int | None
-    quiet: bool
-    verbose: bool
+    vertices: int | None = None
+    edge_length: float | None = None
+    sigma: float | str | None = None
+    reference: str = "auto"
+    fix_boundary: bool = False
+    fill_holes: float = 0.0
+    repair: bool = True
+    smooth: bool = False
+    iterations: int = 10
+    algorithm: str = "default"
+    unit: str = "mm"
+    seed: int = 1
+    threads: int | None = None
+    json: str | None = None
+    picture: Path | None = None
+    quiet: bool = False
+    verbose: bool = False
+
+    def length(self, text):
+        """A length with a unit, in the unit of the file."""
+        return quantities.length(text) * 10.0 ** _UNIT_EXPONENT[self.unit]
 
 
 def main(arguments=None):
     """Run the command; returns the exit code."""
     app = App(
         name="python -m remesh",
-        help="Remesh a surface so that small triangles lie where it curves.",
+        help="Remesh a surface so that small triangles lie where it curves. Creases, corners, "
+        "face labels, holes and values at the vertices are kept; the table printed at the end "
+        "compares both surfaces.",
         help_format="plaintext",
         version_flags=[],
         result_action="return_value",
@@ -70,6 +92,10 @@ def main(arguments=None):
     return run_guarded(lambda: app(tokens, exit_on_error=False, print_error=False))
 
 
+def _flag(*names):
+    return Parameter(name=list(names) or None, negative="")
+
+
 def _remesh(
     source: Annotated[Path, Parameter(name="IN")],
     destination: Annotated[Path, Parameter(name="OUT")],
@@ -77,34 +103,50 @@ def _remesh(
     *,
     vertices: int | None = None,
     edge_length: float | None = None,
-    sigma: str = "0.05",
+    sigma: str | None = None,
+    reference: Literal["auto", "rbf", "triangles"] = "auto",
+    fix_boundary: Annotated[bool, _flag()] = False,
+    fill_holes: float = 0.0,
+    no_repair: Annotated[bool, _flag()] = False,
+    smooth: Annotated[bool, _flag()] = False,
     iterations: int = 10,
-    smooth: Annotated[bool, Parameter(negative="")] = False,
     algorithm: Literal["default", "thesis"] = "default",
     unit: Literal["m", "cm", "mm"] = "mm",
     seed: int = 1,
     threads: int | None = None,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
-    verbose: Annotated[bool, Parameter(name=["--verbose", "-v"], negative="")] = False,
+    json: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    picture: Path | None = None,
+    quiet: Annotated[bool, _flag()] = False,
+    verbose: Annotated[bool, _flag("--verbose", "-v")] = False,
 ):
     """
     Parameters
     ----------
     source
-        The surface: STL, PLY, OBJ or OFF.
+        The surface: STL, PLY, OBJ, OFF or VTP.
     destination
-        Where the result goes, in one of the same formats.
+        Where the result goes, in any of these formats; PLY and VTP keep all labels and values.
     vertices
         Number of vertices of the result; the input's if neither this nor --edge-length is given.
     edge_length
         Length of its edges in the embedding (x, sigma n), in the file's unit.
     sigma
-        Weight of the normals n: 0 for triangles of one size, 0.05 for smaller ones where the
-        surface curves; in bounding-box diagonals, or with a unit, as 14mm.
-    iterations
-        Rounds of splitting, collapsing, flipping and smoothing.
+        Weight of the normals n, in bounding-box diagonals, or with a unit as 14mm: 0 for
+        triangles of one size, more for smaller ones where the surface curves. If not given: 0.05,
+        or less where the normals are noisy.
+    reference
+        What the result is to lie on: the input's triangles, a smooth interpolant through its
+        vertices (rbf), or auto: the interpolant if the result is to be finer than the input.
+    fix_boundary
+        Leave open boundaries exactly as they are.
+    fill_holes
+        Close holes up to this size, in bounding-box diagonals; 0 leaves all open.
+    no_repair
+        Refuse a damaged surface instead of repairing it.
     smooth
         Smooth a jagged input first, keeping its volume.
+    iterations
+        Rounds of splitting, collapsing, flipping and smoothing.
     algorithm
         The default, or the thesis's Algorithm 2 as it stands.
     unit
@@ -112,7 +154,11 @@ def _remesh(
     seed
         Of the random choices (the thesis's algorithm makes some).
     threads
-        Threads to compute with; all cores if not given.
+        Threads to compute with; all cores if not given. The results are the same.
+    json
+        Write all figures as JSON to this file, or instead of the table for a single -.
+    picture
+        Draw both surfaces into this PNG.
     quiet
         Print nothing but errors.
     verbose
@@ -120,14 +166,15 @@ def _remesh(
     """
     return run_remesh(
         Request(
-            source, destination, vertices, edge_length, sigma, iterations, smooth, algorithm,
-            unit, seed, threads, quiet, verbose,
+            source, destination, vertices, edge_length, _parse_sigma(sigma), reference,
+            fix_boundary, fill_holes, not no_repair, smooth, iterations, algorithm, unit, seed,
+            threads, json, picture, quiet, verbose,
         )
     )  # fmt: skip
 
 
 def run_remesh(request):
-    """Read, remesh, write, and print what changed.
+    """Read, repair, remesh, write, and print what changed.
 
     Raises
     ------
@@ -135,18 +182,20 @@ def run_remesh(request):
         With one sentence each.
     """
     _check(request)
-    sigma = _parse_sigma(request.sigma)
-    from cases import remesh_files  # the stages take seconds to import
+    from cases import remesh_files, remesh_report  # the stages take seconds to import
 
     set_threads(request.threads)
     reporter = make_reporter(request.quiet, request.verbose)
-    began = time.perf_counter()
     try:
-        before, after = remesh_files.remesh_file(request, sigma, _in_file_units(request), reporter)
+        outcome = remesh_files.remesh_file(request, reporter)
+    except MemoryError:
+        raise NotConverged("out of memory: ask for fewer vertices or longer edges") from None
     finally:
         reporter.close()
-    if not request.quiet:
-        print(remesh_files.table(before, after, time.perf_counter() - began))
+    if request.json is not None:
+        remesh_report.write_figures(request.json, outcome)
+    if request.json != "-" and not request.quiet:
+        remesh_report.print_table(outcome)
 
 
 def _check(request):
@@ -158,22 +207,46 @@ def _check(request):
     length = request.edge_length
     if length is not None and not 0.0 < length < float("inf"):
         raise InvalidCase(f"--edge-length {length}: must be positive")
+    if not 0.0 <= request.fill_holes < float("inf"):
+        raise InvalidCase(f"--fill-holes {request.fill_holes}: must not be negative")
     if request.iterations < 1:
         raise InvalidCase(f"--iterations {request.iterations}: must be at least 1")
     if request.seed < 0:
         raise InvalidCase(f"--seed {request.seed}: must be at least 0")
-    folder = request.destination.resolve().parent
-    if not folder.is_dir():
-        raise InvalidCase(f"{request.destination}: the folder {folder} does not exist")
+    if request.smooth and request.reference == "rbf":
+        raise InvalidCase("--smooth and --reference rbf: a smoothed input is compared with its "
+                          "own triangles; leave one of the two out")  # fmt: skip
+    if request.picture is not None and request.picture.suffix.lower() != ".png":
+        raise InvalidCase(f"--picture {request.picture}: must end in .png")
+    _check_places(request)
+
+
+def _check_places(request):
+    """Refuse places where nothing can be written, before hours of work."""
+    places = [request.destination]
+    places += [request.picture] if request.picture is not None else []
+    places += [Path(request.json)] if request.json not in (None, "-") else []
+    for place in places:
+        folder = place.resolve().parent
+        if not folder.is_dir():
+            raise InvalidCase(f"{place}: the folder {folder} does not exist")
+        if place.is_dir():
+            raise InvalidCase(f"{place}: is a folder; name a file")
+        if not os.access(folder, os.W_OK):
+            raise InvalidCase(f"{place}: the folder {folder} cannot be written to")
+    if len({place.resolve() for place in places}) < len(places):
+        raise InvalidCase("OUT, --json and --picture must be different files")
 
 
 def _parse_sigma(text):
-    """A number of diagonals, or a text with a unit."""
+    """A number of diagonals, a text with a unit, or None."""
+    if text is None:
+        return None
     try:
         if quantities.is_absolute(text):
-            value = quantities.length(text)
+            value, result = quantities.length(text), text
         else:
-            text = value = float(text)
+            value = result = float(text)
     except ValueError:
         value = float("nan")
     if not 0.0 <= value < float("inf"):
@@ -181,12 +254,7 @@ def _parse_sigma(text):
             f"--sigma {text}: must be a number that is not negative (in bounding-box diagonals), "
             "or a length with its unit, as 14mm"
         )
-    return text
-
-
-def _in_file_units(request):
-    """A parser of lengths with a unit that gives them in the file's unit."""
-    return lambda text: quantities.length(text) * 10.0 ** _UNIT_EXPONENT[request.unit]
+    return result
 
 
 if __name__ == "__main__":

@@ -1,121 +1,256 @@
-"""What `python -m remesh` does with its files, and the table it prints."""
+"""What `python -m remesh` does with its files."""
 
 import logging
-from pathlib import Path
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from cases.remesh_choices import ROUGH, choose_reference, default_sigma, expected_edge
+from cases.remesh_picture import draw_before_after
 from cases.targets import ALGORITHMS, Target, sigma_length
-from meshes import InvalidMesh
+from meshes import InvalidMesh, NotConverged, TriMesh
+from meshes.attributes import interpolate
 from meshes.closest_point import two_sided_distance
 from meshes.features import find_features
-from meshes.io import SURFACE_SUFFIXES, read_surface, write_surface
+from meshes.io import (
+    WITH_POINT_DATA,
+    check_surface_suffix,
+    read_surface_data,
+    write_surface,
+)
+from meshes.normal_noise import normal_noise
 from meshes.quality import surface_quality
-from meshes.topology import require_valid
+from meshes.repair import RepairReport, repair
+from meshes.topology import require_valid, topology
 from rbf import fit_surfaces
 from remesh import RemeshSettings, remesh
 
 LOG = logging.getLogger("phasemesh")
 
-SMOOTHING_PAIRS = 8
+COUNT_TOLERANCE = 0.02
+SMOOTHING_PAIRS = {True: 10, False: 8}  # by whether sigma > 0
 
 
-def remesh_file(request, sigma, parse_length, reporter):
+@dataclass
+class Outcome:
+    """What was done, for the table and the JSON.
+
+    Parameters
+    ----------
+    source, destination : str
+    options : dict
+        As chosen: vertices or edge_length, sigma, reference and so on.
+    repair : RepairReport
+    before, after : dict
+        Figures of both surfaces.
+    statistics : dict
+        The remesher's own.
+    seconds : dict
+        By step.
+    notes : list of str
+    """
+
+    source: str
+    destination: str
+    options: dict = field(default_factory=dict)
+    repair: RepairReport = field(default_factory=RepairReport)
+    before: dict = field(default_factory=dict)
+    after: dict = field(default_factory=dict)
+    statistics: dict = field(default_factory=dict)
+    seconds: dict = field(default_factory=dict)
+    notes: list = field(default_factory=list)
+
+    @contextmanager
+    def timed(self, step):
+        """Add the seconds of a step."""
+        began = time.perf_counter()
+        yield
+        self.seconds[step] = self.seconds.get(step, 0.0) + time.perf_counter() - began
+
+
+def remesh_file(request, reporter):
     """Remesh `request.source` into `request.destination`.
 
     Parameters
     ----------
     request : cases.remesh_command.Request
-    sigma : float or str
-        In diagonals, or with a unit.
-    parse_length : callable
-        Makes a length in file units of a text with a unit.
     reporter : Reporter
 
     Returns
     -------
-    before, after : dict
-        Figures of both surfaces, for `table`.
+    Outcome
     """
-    _check_suffix(request.destination)
-    surface = read_surface(request.source)
-    require_valid(surface, closed=False, name=str(request.source))
+    check_surface_suffix(request.destination)
+    outcome = Outcome(str(request.source), str(request.destination))
+    with outcome.timed("read"):
+        given, data = read_surface_data(request.source)
     reporter.begin("remesh")
-    surface = find_features(surface)
-    sigma = sigma_length(sigma, surface.diagonal, parse_length)
-    surfaces = None  # the input's own triangles, smoothed
-    if not request.smooth:
+    reporter.update("repairing")
+    with outcome.timed("repair"):
+        surface, outcome.repair = _repaired(request, given)
+    with outcome.timed("features"):
+        featured = find_features(surface)
+    surfaces, settings = _prepared(request, featured, outcome, reporter)
+    with outcome.timed("remesh"):
+        result = remesh(
+            featured,
+            surfaces,
+            settings,
+            rng=np.random.default_rng(request.seed),
+            progress=lambda stage, share: reporter.update(stage, round(100 * share), 100),
+        )
+    outcome.statistics = result.statistics.as_dict()
+    final = _with_given_labels(result.mesh, featured, surface)
+    reporter.update("writing")
+    with outcome.timed("write"):
+        _write(request, given, data, final, outcome)
+    reporter.update("measuring")
+    with outcome.timed("measure"):
+        _measure(outcome, surface, given, final, settings.sigma)
+    if request.picture is not None:
+        reporter.update("drawing")
+        with outcome.timed("picture"):
+            problem = draw_before_after(surface, final, request.picture)
+        outcome.notes += [problem] if problem else []
+    outcome.notes += _remarks(outcome)
+    for note in outcome.notes:
+        reporter.note(note)
+    reporter.end(str(request.destination))
+    return outcome
+
+
+def _repaired(request, given):
+    """The surface to remesh, and what was mended."""
+    try:
+        if request.repair:
+            return repair(given, fill=request.fill_holes)
+        require_valid(given, closed=False, name="it")
+    except InvalidMesh as error:
+        raise InvalidMesh(f"{request.source}: {error}") from error
+    return given, RepairReport(holes=topology(given.faces, len(given.points)).boundary_loops)
+
+
+def _prepared(request, surface, outcome, reporter):
+    """Surfaces (None for the triangles) and settings of the remesher."""
+    edge = expected_edge(surface, request.vertices, request.edge_length)
+    with outcome.timed("features"):
+        noise = normal_noise(surface)
+    if request.sigma is None:
+        sigma = default_sigma(surface, edge, 0.0 if request.smooth else noise)
+    else:
+        sigma = sigma_length(request.sigma, surface.diagonal, request.length)
+    reference = choose_reference(request, surface, edge)
+    surfaces = None
+    if reference == "rbf":
         reporter.update("fitting the interpolant")
-        surfaces = fit_surfaces(surface)
-    settings = RemeshSettings(
-        **Target(request.vertices, request.edge_length).for_surface(surface),
+        with outcome.timed("fit"):
+            surfaces, reference = _fitted(request, surface, outcome)
+    smoothing = SMOOTHING_PAIRS[sigma > 0.0] if request.smooth else 0
+    target = Target(request.vertices, request.edge_length).for_surface(surface)
+    outcome.options = {
+        **target,
+        "sigma": sigma,
+        "sigma_diagonals": sigma / surface.diagonal if surface.diagonal else 0.0,
+        "normal_noise_degrees": float(np.degrees(noise)),
+        "reference": reference,
+        "algorithm": request.algorithm,
+        "iterations": request.iterations,
+        "smooth": request.smooth,
+        "fix_boundary": request.fix_boundary,
+        "fill_holes": request.fill_holes,
+        "seed": request.seed,
+    }
+    if noise > ROUGH and not request.smooth:
+        outcome.notes.append(
+            f"the surface is rough (its normals scatter by {np.degrees(noise):.1f} degrees): "
+            "--smooth may give better triangles"
+        )
+    return surfaces, RemeshSettings(
+        **target,
         sigma=sigma,
         iterations=request.iterations,
         algorithm=ALGORITHMS[request.algorithm],
-        smoothing=SMOOTHING_PAIRS if request.smooth else 0,
+        smoothing=smoothing,
+        fix_boundary=request.fix_boundary,
     )
-    result = remesh(
-        surface,
-        surfaces,
-        settings,
-        rng=np.random.default_rng(request.seed),
-        progress=lambda stage, share: reporter.update(stage, round(100 * share), 100),
-    )
-    write_surface(request.destination, result.mesh)
-    reporter.update("measuring")
-    measured = sigma if sigma > 0.0 else 0.05 * surface.diagonal
-    before, after = _figures(surface, measured), _figures(result.mesh, measured, surface)
-    reporter.end(str(request.destination))
-    return before, after
 
 
-def _check_suffix(path):
-    if Path(path).suffix.lower() not in SURFACE_SUFFIXES:
-        raise InvalidMesh(
-            f"{path}: the suffix {Path(path).suffix!r} is unknown; "
-            f"use one of {', '.join(SURFACE_SUFFIXES)}"
+def _fitted(request, surface, outcome):
+    """The interpolants, or None where they do not converge and nobody insists on them."""
+    try:
+        return fit_surfaces(surface), "rbf"
+    except NotConverged as error:
+        if request.reference == "rbf":
+            raise
+        outcome.notes.append(f"the input's triangles are used, as the interpolant failed: {error}")
+        return None, "triangles"
+
+
+def _with_given_labels(mesh, featured, given):
+    """The labels of the input on the result; the patches found where the input had none.
+
+    A patch between features lies in one label of the input.
+    """
+    if len(given.labels) < 2:
+        return mesh
+    of_patch = np.zeros(len(featured.labels), dtype=np.int64)
+    of_patch[featured.face_labels] = given.face_labels
+    labels = of_patch[mesh.face_labels]
+    return TriMesh(mesh.points, mesh.faces, labels, given.labels, mesh.feature_edges)
+
+
+def _write(request, given, data, final, outcome):
+    """Write the result with the values of the input at its vertices."""
+    suffix = request.destination.suffix.lower()
+    keeps = suffix in WITH_POINT_DATA
+    if data and not keeps:
+        outcome.notes.append(
+            f"{suffix[1:].upper()} holds no values at vertices: {', '.join(data)} left out; "
+            "write a PLY or VTP to keep them"
         )
+    if len(given.labels) > 1 and suffix in (".stl", ".off"):
+        outcome.notes.append(
+            f"{suffix[1:].upper()} holds no face labels: write a PLY, VTP or OBJ to keep them"
+        )
+    carried = interpolate(given, data, final.points) if keeps else {}
+    write_surface(request.destination, final, point_data=carried)
 
 
-def _figures(surface, sigma, reference=None):
-    quality = surface_quality(surface, sigma=sigma).as_dict()
-    if reference is not None:
-        rms, largest = two_sided_distance(reference, surface)
-        quality["distance_rms"] = 100.0 * rms / reference.diagonal
-        quality["distance_max"] = 100.0 * largest / reference.diagonal
-    return quality
+def _measure(outcome, surface, given, final, sigma):
+    """Figures of both surfaces; those before are of the file as it is."""
+    weight = sigma if sigma > 0.0 else 0.05 * surface.diagonal
+    before = surface_quality(given, sigma=weight, intersections=False).as_dict()
+    before["self_intersecting_faces"] = (
+        outcome.repair.crossing_faces + outcome.repair.separated_faces
+    )
+    after = surface_quality(final, sigma=weight).as_dict()
+    for figures, mesh in ((before, given), (after, final)):
+        figures["boundary_loops"] = topology(mesh.faces, len(mesh.points)).boundary_loops
+    rms, largest = two_sided_distance(surface, final)
+    after["distance_rms"], after["distance_max"] = (
+        rms / surface.diagonal,
+        largest / surface.diagonal,
+    )
+    outcome.before, outcome.after = before, after
 
 
-_ROWS = (
-    ("vertices", "vertices", ",d"),
-    ("triangles", "faces", ",d"),
-    ("closed", "watertight", ""),
-    ("genus", "genus", ""),
-    ("self-intersecting triangles", "self_intersecting_faces", ",d"),
-    ("smallest angle, mean [deg]", "min_angle_mean", ".1f"),
-    ("smallest angle, worst [deg]", "min_angle_worst", ".1f"),
-    ("triangles below 20 deg [%]", "pct_below_20", ".2f"),
-    ("smallest angle in 6D, mean [deg]", "min_angle_6d_mean", ".1f"),
-    ("longest over shortest edge", "edge_ratio", ".3g"),
-    ("volume", "volume", ".6g"),
-    ("distance, rms [% of diagonal]", "distance_rms", ".4f"),
-    ("distance, largest [% of diagonal]", "distance_max", ".3f"),
-)
-
-
-def table(before, after, seconds):
-    """Both surfaces side by side."""
-    lines = [f"{'':<34}{'before':>14}{'after':>14}"]
-    for name, key, form in _ROWS:
-        cells = "".join(f"{_cell(figures.get(key), form):>14}" for figures in (before, after))
-        lines.append(f"{name:<34}{cells}")
-    lines.append(f"{'time [s]':<34}{'':>14}{seconds:>14.1f}")
-    return "\n".join(lines)
-
-
-def _cell(value, form):
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return format(value, form)
+def _remarks(outcome):
+    """What the user should know about the result."""
+    report, after = outcome.repair, outcome.after
+    notes = [f"repaired: {'; '.join(report.lines())}"] if report.lines() else []
+    asked = outcome.options.get("vertices")
+    if asked is not None and abs(after["vertices"] - asked) > COUNT_TOLERANCE * asked:
+        notes.append(f"{asked:,} vertices were asked for, {after['vertices']:,} came out")
+    crossing = after["self_intersecting_faces"]
+    if crossing:
+        why = ": unite overlapping bodies first" if report.crossing_faces else ""
+        notes.append(
+            f"{crossing:,} triangles of the result cross others, as {report.crossing_faces:,} of "
+            f"the input do{why}"
+        )
+    if outcome.statistics.get("inverted_faces"):
+        count = outcome.statistics["inverted_faces"]
+        notes.append(f"{count:,} triangles of the result lie against the surface's normals")
+    return notes

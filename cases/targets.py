@@ -33,7 +33,7 @@ class Target:
             return {"edge_length": self.edge_factor * longest_edge(surface)}
         if self.edge_length is not None:
             return {"edge_length": self.edge_length}
-        return {"vertices": self.vertices or len(np.unique(surface.faces))}
+        return {"vertices": self.vertices or max(4, len(np.unique(surface.faces)))}
 
 
 def longest_edge(surface):

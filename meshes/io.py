@@ -70,7 +70,7 @@ def read_surface_data(path):
         Empty for other formats.
     """
     path = Path(path)
-    suffix = _surface_suffix(path)
+    suffix = check_surface_suffix(path)
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -97,9 +97,9 @@ def _parse(data, suffix):
     return {".stl": read_stl, ".obj": read_obj, ".off": read_off}[suffix](data), {}
 
 
-def _surface_suffix(path):
-    """The suffix in small letters; InvalidCase if it is none of ours."""
-    suffix = path.suffix.lower()
+def check_surface_suffix(path):
+    """Return the suffix in small letters; InvalidCase if it is none of SURFACE_SUFFIXES."""
+    suffix = Path(path).suffix.lower()
     if suffix not in SURFACE_SUFFIXES:
         raise InvalidCase(
             f"{path}: the suffix {suffix!r} is unknown; use one of {', '.join(SURFACE_SUFFIXES)}"
@@ -127,7 +127,7 @@ def write_surface(path, mesh, scale=1.0, point_data=None):
         If the suffix is unknown or the file cannot be written.
     """
     path = Path(path)
-    suffix = _surface_suffix(path)
+    suffix = check_surface_suffix(path)
     if suffix in WITH_POINT_DATA:
         data = {".ply": ply_bytes, ".vtp": vtp_bytes}[suffix](mesh, scale, point_data)
     elif suffix == ".obj":

@@ -66,9 +66,9 @@ class RepairReport:
         return asdict(self)
 
     def lines(self):
-        """What was mended: a few words each, with the counts; empty if nothing was."""
+        """What was mended: a few words each, and how often; empty if nothing was."""
         return [
-            f"{getattr(self, name):,} {entry.metadata['words']}"
+            f"{entry.metadata['words']}: {getattr(self, name):,}"
             for name, entry in self.__dataclass_fields__.items()
             if "words" in entry.metadata and getattr(self, name)
         ]
