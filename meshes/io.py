@@ -31,6 +31,7 @@ from meshes.vtp import read_vtp, vtp_bytes
 
 SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".off", ".vtp")
 WITH_POINT_DATA = (".ply", ".vtp")
+LARGEST = 1e90  # coordinate
 
 
 def read_surface(path):
@@ -85,9 +86,20 @@ def read_surface_data(path):
         bad = int(np.count_nonzero(~np.isfinite(mesh.points).all(axis=1)))
         if bad:
             raise InvalidMesh(f"{bad} of its {len(mesh.points)} vertices are NaN or infinite")
+        _check_size(mesh)
     except InvalidMesh as error:
         raise InvalidMesh(f"{path}: {error}") from error
     return mesh, point_data
+
+
+def _check_size(mesh):
+    """Refuse coordinates whose products would not be numbers any more."""
+    largest = float(np.abs(mesh.points).max(initial=0.0))
+    if largest > LARGEST or 0.0 < largest < 1.0 / LARGEST:
+        raise InvalidMesh(
+            f"its largest coordinate is {largest:.3g}, beyond all that can be computed with "
+            f"(1e-90 to 1e90): use another unit"
+        )
 
 
 def _parse(data, suffix):

@@ -241,7 +241,10 @@ def _ascii_records(words, place, element):
     columns = {}
     for name, kind, _ in element.properties:
         column = np.array(values[name], dtype=float)
-        column = column.astype(np.int64) if kind[0] in "iu" else column
+        if kind[0] in "iu":
+            if not np.all(np.abs(column) < 2.0**53):
+                raise InvalidMesh(f"a property {name!r} has a value that is no whole number")
+            column = column.astype(np.int64)
         columns[name] = (np.array(sizes[name], int), column) if name in sizes else column
     return columns, place
 
