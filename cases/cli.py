@@ -36,6 +36,8 @@ class RunOptions:
         The stages to run.
     threads : int or None
     quiet, verbose : bool
+    resume : bool
+        Go on where an earlier run of the same case in the same folder ended.
     """
 
     preset: str | None = None
@@ -47,6 +49,7 @@ class RunOptions:
     threads: int | None = None
     quiet: bool = False
     verbose: bool = False
+    resume: bool = False
 
 
 def make_app(command, takes_file, run):
@@ -82,6 +85,7 @@ def make_app(command, takes_file, run):
         force: Annotated[bool, Parameter(negative="")] = False,
         stop_after: Stage = "remesh",
         from_: Annotated[Stage, Parameter(name="--from")] = "mesh",
+        resume: Annotated[bool, Parameter(negative="")] = False,
         threads: int | None = None,
         quiet: Annotated[bool, Parameter(negative="")] = False,
         verbose: Annotated[bool, Parameter(name=["--verbose", "-v"], negative="")] = False,
@@ -107,6 +111,9 @@ def make_app(command, takes_file, run):
         from_
             The first stage to run; the files of the earlier ones are used again, as in
             --from remesh --set remesh.sigma=0.02.
+        resume
+            Go on where the run in the folder was interrupted or killed, with the same case. A
+            finished optimisation goes on if topopt.steps or topopt.tolerance now ask for more.
         threads
             Threads to compute with; all cores if not given. The results are the same.
         quiet
@@ -125,8 +132,10 @@ def make_app(command, takes_file, run):
             raise InvalidCase(f"{command}: needs a case file, as {command} FILE.yaml; see --help")
         if not takes_file and file is not None:
             raise InvalidCase(f"{command}: takes no file, got {file}; see --help")
+        if resume and (force or from_ != STAGES[0]):
+            raise InvalidCase("--resume: finds its stage itself; leave out --from and --force")
         options = RunOptions(
-            preset, tuple(settings), out, force, from_, stop_after, threads, quiet, verbose
+            preset, tuple(settings), out, force, from_, stop_after, threads, quiet, verbose, resume
         )
         return run(file, options)
 

@@ -4,15 +4,20 @@ Every stage has `run` (make the product and write its files; returns what to tel
 (read them again for --from).
 """
 
+import hashlib
+import json
 import logging
 
 import numpy as np
 
 from cases.history import HistoryFile
+from cases.resolved import resolved_case
+from cases.run_folder import topopt_sections
 from cases.series import FieldSeries, snapshot_steps
 from cases.stage_files import load_design, save_design
 from meshes.io import load_tet_mesh, save_tet_mesh
 from topopt.boundary import boundary_conditions, check_rigid_motions, rigid_supports
+from topopt.checkpoint import Checkpoints
 from topopt.domain import attach_sets, mesh_domain, mesh_hash
 from topopt.elasticity import ElasticModel, von_mises
 from topopt.geometry import tet_geometry
@@ -73,10 +78,13 @@ class TopoptStage:
         conditions = boundary_conditions(run.mesh, run.problem, log=LOG.warning)
         check_rigid_motions(run.mesh, run.problem, conditions.fixed, conditions.springs)
         model = ElasticModel(run.mesh, run.problem, conditions, section.solver)
-        series = FieldSeries(run.folder / "fields", run.mesh)
-        with HistoryFile(run.folder / "history.csv") as history:
-            watch = _Watch(run, series, history)
-            result = optimize(run.mesh, run.problem, settings, callback=watch, model=model)
+        checkpoints = Checkpoints(run.folder, _identity(run))
+        start = checkpoints.read() if run.resume else None
+        earlier = start.history if start else ()
+        series = FieldSeries(run.folder / "fields", run.mesh, len(earlier) - 1)
+        with HistoryFile(run.folder / "history.csv", earlier[1:]) as history:
+            watch = _Watch(run, series, history, checkpoints)
+            result = optimize(run.mesh, run.problem, settings, start, watch, model)
         self._keep(run, result, model, conditions, series)
         if result.outcome == "interrupted":
             raise KeyboardInterrupt
@@ -111,11 +119,19 @@ class TopoptStage:
             )
 
 
-class _Watch:
-    """The optimiser's callback: history, snapshots and progress."""
+def _identity(run):
+    """What a checkpoint must agree in: the mesh, and whatever of the case shapes a step."""
+    sections = topopt_sections(resolved_case(run.loaded))
+    text = json.dumps(sections, sort_keys=True)
+    return {"mesh": mesh_hash(run.mesh), "case": hashlib.sha256(text.encode()).hexdigest()}
 
-    def __init__(self, run, series, history):
+
+class _Watch:
+    """The optimiser's callback: history, checkpoints, snapshots and progress."""
+
+    def __init__(self, run, series, history, checkpoints):
         self._run, self._series, self._history = run, series, history
+        self._checkpoints = checkpoints
         self._steps = run.case.topopt.steps
         self._snapshots = snapshot_steps(run.case.output.snapshots, self._steps)
 
@@ -134,6 +150,7 @@ class _Watch:
         )
         if row.iteration in self._snapshots:
             self._series.write(row.iteration, *_series_fields(self._run, loop.phi, loop.state))
+        self._checkpoints.write(loop)  # last: what it has seen is on disk
 
 
 def _elastic_energy(run, phi, state):

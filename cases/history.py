@@ -10,14 +10,21 @@ from topopt.history import COLUMNS
 class HistoryFile:
     """A context manager that writes HistoryRows as they come, floats with all their digits.
 
+    Parameters
+    ----------
+    path : path-like
+    earlier : sequence of HistoryRow
+        The rows of the run that is gone on with.
+
     Raises
     ------
     InvalidCase
         If the file cannot be written.
     """
 
-    def __init__(self, path):
+    def __init__(self, path, earlier=()):
         self._path = Path(path)
+        self._earlier = earlier
         self._file = None
 
     def __enter__(self):
@@ -34,6 +41,8 @@ class HistoryFile:
     def _open(self):
         self._file = open(self._path, "w", encoding="ascii", newline="")  # noqa: SIM115
         self._write(COLUMNS)
+        for row in self._earlier:
+            self._write(astuple(row))
 
     def _write(self, items):
         self._file.write(",".join(map(str, items)) + "\n")

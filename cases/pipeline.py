@@ -5,10 +5,10 @@ whatever happens leaves the finished stages on disk and says how far the run cam
 """
 
 import contextlib
-import json
 import os
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from cases import report
@@ -23,7 +23,7 @@ from cases.problem import to_problem, units_warning
 from cases.progress import make_reporter
 from cases.remesh_stage import RemeshStage
 from cases.resolved import resolved_case, write_case
-from cases.run_folder import STAGES, RunFolder
+from cases.run_folder import STAGES, RunFolder, stages_done
 from cases.run_log import LOG, RunLog
 from cases.run_state import Run
 from cases.surface_files import write_quality
@@ -68,11 +68,17 @@ def run_pipeline(path, shown, options):
     threads = set_threads(options.threads)
     folder = RunFolder(options.out or Path("runs") / loaded.case.name)
     tree = resolved_case(loaded)
+    if options.resume:
+        first = folder.unfinished_stage(tree, options.last)
+        if first is None:
+            _repeat_summary(folder, options)
+            return
+        options = replace(options, first=first)
     earlier = _earlier_stages(folder, options.first)
-    folder.prepare(tree, options.first, options.force)
+    folder.prepare(tree, options.first, options.force, options.resume)
     write_case(folder / "case.yaml", tree, shown, loaded.preset)
     reporter = make_reporter(options.quiet, options.verbose)
-    run = Run(loaded, problem, folder.path, reporter)
+    run = Run(loaded, problem, folder.path, reporter, resume=options.resume)
     facts = {
         "case": loaded.case.name,
         "preset": loaded.preset,
@@ -83,7 +89,7 @@ def run_pipeline(path, shown, options):
     }
     with (
         contextlib.closing(reporter),
-        RunLog(folder / "run.log", reporter, append=options.first != STAGES[0]) as log,
+        RunLog(folder / "run.log", reporter, append=bool(earlier) or options.resume) as log,
         MemorySampler() as memory,
         contextlib.closing(CompileAhead(loaded.case.mesh.kind, options.last, threads)) as ahead,
     ):
@@ -98,15 +104,18 @@ def run_pipeline(path, shown, options):
         print(summary)
 
 
+def _repeat_summary(folder, options):
+    """Nothing is left to do: print what the finished run said."""
+    if not options.quiet:
+        print(f"{folder.path}: is finished; nothing is to do", file=sys.stderr)
+        with contextlib.suppress(OSError):
+            print((folder / "summary.txt").read_text(encoding="utf-8"), end="")
+
+
 def _earlier_stages(folder, first):
     """The manifest's records of the stages before `first` from the run whose files are reused."""
-    if first == STAGES[0]:
-        return {}
-    try:
-        stages = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))["stages"]
-        return {name: stages[name] for name in STAGES[: STAGES.index(first)] if name in stages}
-    except (OSError, ValueError, KeyError):
-        return {}
+    done = stages_done(folder / "manifest.json")
+    return {name: done[name] for name in STAGES[: STAGES.index(first)] if name in done}
 
 
 @contextlib.contextmanager

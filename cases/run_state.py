@@ -31,6 +31,8 @@ class Run:
         Of the whole part.
     figures : dict of str to dict
         Numbers by stage, for manifest and summary.
+    resume : bool
+        Whether the optimisation goes on from its last checkpoint.
     """
 
     loaded: LoadedCase
@@ -45,6 +47,7 @@ class Run:
     smoothed: TriMesh | None = None
     surface: TriMesh | None = None
     figures: dict[str, dict] = field(default_factory=dict)
+    resume: bool = False
 
     @property
     def case(self):

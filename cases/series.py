@@ -14,12 +14,22 @@ class FieldSeries:
     ----------
     folder : Path
     mesh : TetMesh
+    earlier : int
+        Snapshots of steps up to this one, which are on disk, stay in the series; later ones are
+        removed.
     """
 
-    def __init__(self, folder, mesh):
+    def __init__(self, folder, mesh, earlier=-1):
         self._folder = Path(folder)
         self._mesh = mesh
         self._files, self._times = [], []
+        for path in sorted(self._folder.glob("step_*.vtu")):
+            step = int(path.stem.removeprefix("step_"))
+            if step > earlier:
+                path.unlink()
+            else:
+                self._files.append(path)
+                self._times.append(step)
 
     def write(self, step, point_data, cell_data):
         """Add the fields of a step: nodal and tetrahedral values by name."""

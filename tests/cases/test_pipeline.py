@@ -60,7 +60,7 @@ def test_all_files_are_there(tiny):
     assert found == steps | {
         "case.yaml", "manifest.json", "history.csv", "run.log", "fields/design.pvd", "mesh.npz",
         "phase_field.npz", "isosurface.ply", "smoothed.ply", "surface.ply", "surface.stl",
-        "quality.json", "summary.txt",
+        "quality.json", "summary.txt", "checkpoint-0.npz", "checkpoint-1.npz",
     }  # fmt: skip
 
 
