@@ -1,9 +1,10 @@
 """Meshes of a box: exact planes and volume, independent of units, kept on disk."""
 
-from dataclasses import replace
+from dataclasses import contextlib
 
 import numpy as np
 import pytest
+import replace
 
 from meshes import InvalidCase, NotConverged
 from meshes.io import load_tet_mesh, save_tet_mesh
@@ -29,9 +30,16 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def tetwild_box(folder):
+def workplace(tmp_path_factory):
+    """The folder in which pytetwild is called."""
+    return tmp_path_factory.mktemp("workplace")
+
+
+@pytest.fixture(scope="module")
+def tetwild_box(folder, workplace):
     """The one pytetwild mesh of this file, about 1500 tets."""
-    return mesh_domain(box(), edge_length=COARSE, cache=folder)
+    with contextlib.chdir(workplace):
+        return mesh_domain(box(), edge_length=COARSE, cache=folder)
 
 
 @pytest.fixture
@@ -65,6 +73,10 @@ def check_box(mesh, lower, upper):
 def test_pytetwild_fills_the_box_exactly(tetwild_box):
     check_box(tetwild_box, LOWER, LOWER + SIZE)
     assert 500 < len(tetwild_box.tets) < 5000
+
+
+def test_pytetwild_leaves_nothing_in_the_working_folder(tetwild_box, workplace):
+    assert list(workplace.iterdir()) == []
 
 
 def test_nodes_tets_and_facets_are_ordered_in_space(tetwild_box):
