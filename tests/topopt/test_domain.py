@@ -1,10 +1,10 @@
 """Meshes of a box: exact planes and volume, independent of units, kept on disk."""
 
-from dataclasses import contextlib
+import contextlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
-import replace
 
 from meshes import InvalidCase, NotConverged
 from meshes.io import load_tet_mesh, save_tet_mesh
