@@ -33,6 +33,11 @@ class Size:
         """Roughly how many tets there are."""
         return DENSITY * (self.volume / edge_length**3 + SKIN * self.area / edge_length**2)
 
+    @property
+    def longest_edge(self):
+        """Four times the mean thickness: longer edges than the domain can have."""
+        return 4.0 * 2.0 * self.volume / self.area
+
     def edge_length(self, tets):
         """Roughly the edge length that gives so many tets."""
         low, high = 1e-9 * self.area**0.5, 1e3 * self.area**0.5
@@ -70,16 +75,19 @@ class EdgeLengthSearch:
         many, few = self.bracket()
         return many is not None and few is not None and abs(few[0] - many[0]) < NARROW
 
-    def floor(self):
-        """Least count, if longer edges do not lower it any more and it is above the target."""
+    def floor(self, longest):
+        """Least count, if it is above the target and longer edges than those tried would not help:
+        they do not lower it any more, or are longer than `longest`; else None."""
         _, few = self.bracket()
-        longest = sorted(self.tried)[-3:]
-        if few is not None or len(longest) < 3:
+        if few is not None:
             return None
-        counts = [self.target * math.exp(error) for _, error in longest]
-        spread = longest[-1][0] - longest[0][0]
+        tried = sorted(self.tried)[-3:]
+        counts = [self.target * math.exp(error) for _, error in tried]
+        wide = len(tried) == 3 and tried[-1][0] - tried[0][0] > WIDE
         flat = max(counts) < (1.0 + FLAT) * min(counts)
-        return round(min(counts)) if flat and spread > WIDE else None
+        if (wide and flat) or tried[-1][0] > math.log(longest):
+            return round(min(counts))
+        return None
 
     def next(self):
         """The edge length to try next."""
@@ -119,8 +127,9 @@ def mesh_by_count(mesh_at, size, target, log):
 
     Notes
     -----
-    A curved or detailed surface needs a certain number of tets however long the edges: the search
-    ends when three lengths, over a factor of two, give the same number above the target.
+    A curved or detailed surface takes a certain number of tets however long the edges, and meshing
+    takes the longer, the less they fit. So the search ends when three lengths, over a factor of
+    two, give the same number above the target, or an edge as long as four thicknesses does.
     """
     halvings = 0
     while target / 8**halvings > COARSE:
@@ -135,7 +144,8 @@ def mesh_by_count(mesh_at, size, target, log):
     if halvings:
         _, mesh, counts = search(mesh_at, edge_length, target, FULL_TRIES, ALLOWED)
     else:
-        _, mesh, counts = search(mesh_at, edge_length, target, CHEAP_TRIES)
+        longest = size.longest_edge
+        _, mesh, counts = search(mesh_at, edge_length, target, CHEAP_TRIES, longest=longest)
     if abs(len(mesh.tets) / target - 1.0) > ALLOWED:
         raise NotConverged(
             f"no mesh of {target:,} tets was found; {_numbers(counts)} came out: ask for one of "
@@ -145,7 +155,7 @@ def mesh_by_count(mesh_at, size, target, log):
     return mesh
 
 
-def search(mesh_at, edge_length, target, tries, enough=WANTED):
+def search(mesh_at, edge_length, target, tries, enough=WANTED, longest=math.inf):
     """Look around a first edge length for a mesh with a wanted number of tets.
 
     Stops after some tries, with a count that is near `enough`, or when the lengths tried on both
@@ -169,10 +179,11 @@ def search(mesh_at, edge_length, target, tries, enough=WANTED):
             least, best = error, (edge_length, mesh)
         if least <= enough or seeker.stuck():
             break
-        if seeker.floor() is not None:
+        floor = seeker.floor(longest)
+        if floor is not None:
             raise NotConverged(
                 f"no mesh of {target:,.0f} tets was found: the shape of the domain alone takes "
-                f"about {seeker.floor():,}, however long the edges; ask for more than that, or "
+                f"about {floor:,}, however long the edges; ask for more than that, or "
                 f"simplify its surface.",
                 counts,
             )
