@@ -13,6 +13,7 @@ cylinder's disc, whatever the mesh.
 """
 
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from topopt.problem import Box, Cylinder, Slab, Sphere, SurfaceRegion
 SMALL_BESIDE_REGION = 1 / 40  # of its radius: triangles that are not cut any more
 SMALL_BESIDE_SURFACE = 1 / 200  # of the diagonal of a surface's bounding box, likewise
 RELATIVE_TOLERANCE = 2e-7  # of the diagonal; points nearer to a face lie on it (STL has 24 bits)
+_PREPARED = WeakKeyDictionary()
 SMALLEST_SHARE = 1e-15  # of a parent triangle's area; smaller pieces are rounding
 
 
@@ -108,9 +110,9 @@ def _distance_to_surface(surface, points):
     The side is told by the normal at the closest point: of its face, of both faces at an edge, of
     all by their angles at a corner (Baerentzen and Aanaes 2005).
     """
-    faces, weights, distance = ClosestPoint(surface.points, surface.faces).query(points)
+    finder, normals = _prepared(surface)
+    faces, weights, distance = finder.query(points)
     closest = np.einsum("nk,nki->ni", weights, surface.points[surface.faces[faces]])
-    normals = _pseudo_normals(surface)
     kind = (weights > 1e-9).sum(axis=1)
     corner = weights.argmax(axis=1)
     edge = weights.argmin(axis=1)  # the edge opposite to the corner that does not count
@@ -119,6 +121,14 @@ def _distance_to_surface(surface, points):
     normal = np.where((kind == 1)[:, None], of_corner[surface.faces[faces, corner]], normal)
     outside = np.einsum("ni,ni->n", points - closest, normal) >= 0.0
     return np.where(outside, distance, -distance)
+
+
+def _prepared(surface):
+    """The surface's closest-point search and normals, made once while it lives."""
+    if surface not in _PREPARED:
+        finder = ClosestPoint(surface.points, surface.faces)
+        _PREPARED[surface] = finder, _pseudo_normals(surface)
+    return _PREPARED[surface]
 
 
 def _pseudo_normals(surface):

@@ -49,6 +49,10 @@ def test_a_surface_in_its_unit_relative_to_the_case(tmp_path):
     write_surface(tmp_path / "cube.stl", cube(20.0))
     domain = problem_of(tmp_path, settings=[TETS, "domain.surface=cube.stl"]).domain
     assert signed_volume(domain.surface) == pytest.approx(0.02**3)
+    for suffix in ("ply", "obj", "off"):
+        write_surface(tmp_path / f"cube.{suffix}", cube(20.0))
+        other = problem_of(tmp_path, settings=[TETS, f"domain.surface=cube.{suffix}"]).domain
+        assert signed_volume(other.surface) == pytest.approx(0.02**3)
     domain = problem_of(tmp_path, settings=[TETS, "domain={surface: cube.stl, unit: cm}"]).domain
     assert signed_volume(domain.surface) == pytest.approx(0.2**3)
 
