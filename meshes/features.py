@@ -184,5 +184,8 @@ def _plane(mesh, chosen):
     allowed = min(PLANAR * mesh.diagonal, 1e-3 * extent)
     if not np.any(normal) or np.ptp(distance) > 2.0 * allowed:
         return None
+    axis = np.rint(normal) + 0.0  # planes across an axis can be met exactly, so they are preferred
+    if np.abs(axis).sum() == 1.0 and np.ptp(points @ axis) <= 2.0 * allowed:
+        normal, distance = axis, (points - middle) @ axis
     offset = float(middle @ normal + 0.5 * (distance.min() + distance.max()))
     return Plane(tuple(float(x) for x in normal), offset)

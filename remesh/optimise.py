@@ -31,6 +31,7 @@ TURN_PER_ROW, TURN_PER_SWEEP = 2.4, 1.9  # [radians], so that directions differ
 def optimise_vertices(
     work, sigma, steps, power=2, least_angle3=0.0, weight3=0.0, least_agreement=0.3,
     only_below=180.0, sweeps=1, directions=4, hold=None, hold_weight=0.0,
+    along_curves=True,
 ):  # fmt: skip
     """Search around each vertex for a place with better triangles; return (moved, visited).
 
@@ -59,6 +60,13 @@ def optimise_vertices(
         Passes over all vertices in index order; `moved` and `visited` are those of the last.
     directions : int
         Of the search in the tangent plane (2 on a curve).
+    hold : (n, 9) float array, optional
+        What `adjust.fit_vertices` returned.
+    hold_weight : float
+        Of the growth of the squared gaps by a move away from where that fit put the vertex: 1
+        lets a vertex that adds the mean gap turn one triangle from 30 to 60 degrees.
+    along_curves : bool
+        Whether vertices on curves are moved too.
     """
     settings = np.array([sigma**2, power, least_angle3, weight3, least_agreement], float)
     if np.ndim(steps) == 0:
@@ -67,7 +75,7 @@ def optimise_vertices(
         hold = np.zeros((len(work.links), 9))
     return sweep_search(
         work.halves, work.links, work.rows, work.counts, settings, steps, only_below, sweeps,
-        directions, hold, hold_weight, work.carrier.reference, work.curves,
+        directions, hold, hold_weight, along_curves, work.carrier.reference, work.curves,
     )  # fmt: skip
 
 
@@ -172,7 +180,7 @@ def wake_neighbours(halves, links, fan, count, steps):
 @kernel
 def sweep_search(
     halves, links, rows, counts, settings, steps, only_below, sweeps, directions, hold,
-    hold_weight, reference, curves,
+    hold_weight, along_curves, reference, curves,
 ):  # fmt: skip
     """Passes of the pattern search in index order; returns (moved, visited) of the last."""
     fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
@@ -185,13 +193,13 @@ def sweep_search(
         for v in range(counts[ROWS]):
             if links[v, BASE] != v or links[v, KIND] == CORNER or steps[v] < SHORTEST_STEP:
                 continue
+            on_curve = links[v, KIND] == CURVE
             count, closed = ring(halves, links, v, fan)
-            if count == 0:
+            if count == 0 or (on_curve and not along_curves):
                 continue
             gather_star(halves, rows, fan, count, star)
             if not wants_search(rows, halves, fan, count, star, settings, only_below):
                 continue
-            on_curve = links[v, KIND] == CURVE
             if on_curve and not curve_neighbours(
                 halves, links, rows, v, fan, count, closed, 0.0, curves, four
             ):

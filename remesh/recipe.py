@@ -5,14 +5,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from meshes.quality import face_areas
-from remesh.adjust import fit_vertices, match_volume
-from remesh.flip import DELAUNAY, flip_edges
+from meshes.topology import label_boundaries
+from remesh.adjust import fit_vertices, free_rows, match_volume
+from remesh.flip import DELAUNAY, VALENCE, flip_edges
+from remesh.follow import fit_curves, split_far_edges
 from remesh.optimise import optimise_vertices
-from remesh.smooth import AREA, UNIFORM
+from remesh.reach import reach_far_points
+from remesh.smooth import AREA, UNIFORM, smooth_vertices
 from remesh.sweeps import FIRST_LENGTH, PliantLoop, length_for_count
 from remesh.tips import keep_tips
 
 LAST_AGREEMENT = 0.2
+FARTHEST = 0.03  # of the target length: of a crease's nodes from its edges
+REACH_ANGLE = 30.0  # [degrees] that reaching for far points may leave in 3D
+CURVE_ANGLE = 22.0  # [degrees] that fitting curves may leave in 3D
 FIRST_STEP, WORST_STEP = 0.08, 0.15  # of the mean edge at a vertex
 
 
@@ -95,6 +101,7 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
     )  # fmt: skip
     if vertices is not None:
         loop.meet_count(vertices, length)
+    follow_curves(work, recipe, length)
     work.compact()
     gaps.settle(work)
     if settings.fit:
@@ -106,12 +113,27 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
     if settings.fit:
         fit_and_search(work, gaps, recipe, settings.optimise)
         progress("fit", 1.0)
+        if settings.smoothing == 0:
+            limits = (20.0 if recipe.embedded else 0.0, min(recipe.least3, REACH_ANGLE), 0.05)
+            reach_far_points(work, free_rows(work), length, recipe.final_sigma, limits)
     if settings.optimise:
         improve_worst(work, recipe)
         progress("optimise", 1.0)
     if settings.fit and volume is not None:
         match_volume(work, volume)
     return length
+
+
+def follow_curves(work, recipe, length):
+    """Have the feature edges follow their curves closely."""
+    if len(work.carrier.curves.vertices) == 0:
+        return
+    for _ in range(2):
+        if split_far_edges(work, FARTHEST * length, recipe.agreement) == 0:
+            break
+        flip_edges(work, recipe.sigma, (25.0, 0.0, recipe.agreement), VALENCE, 3)
+        smooth_vertices(work, recipe.sigma, (20.0, 0.0, recipe.agreement), UNIFORM, 0.7)
+    fit_curves(work, (0.0, CURVE_ANGLE, recipe.agreement))
 
 
 def tip_length(work, recipe, length, vertices):
@@ -134,6 +156,7 @@ def general_search(work, recipe, sweeps, agreement=None, hold=None):
         optimise_vertices(
             work, recipe.final_sigma, steps, 2, recipe.least3, recipe.weight3, agreement,
             sweeps=count, hold=hold, hold_weight=recipe.hold,
+            along_curves=False,
         )  # fmt: skip
         flip_edges(work, recipe.final_sigma, (20.0, guard3, agreement), DELAUNAY, 3)
 
@@ -207,15 +230,17 @@ def choose_recipe(settings, mesh, jagged):
                 fits=(0.02,), ridge=0.17, first_search=(2, 3),
                 later_search=(4,), last_search=(4,), hold=0.5, last_fit=0.06,
             )  # fmt: skip
+        least3 = 24.0 if len(label_boundaries(mesh)) else 12.0
         return Recipe(
-            settings.sigma, settings.sigma, AREA, agreement=0.1, least3=12.0, weight3=1.0,
+            settings.sigma, settings.sigma, AREA, agreement=0.1, least3=least3, weight3=1.0,
             fits=(0.02, 0.02, 0.02, 0.02), order=3,
         )  # fmt: skip
     if jagged:
         return Recipe(0.0101 * size, 0.0, fits=(0.1,), ridge=0.03, delaunay_rounds=0)
     return Recipe(
-        0.0229 * size, 0.0, short=0.72, long=1.38, agreement=0.1, fits=(0.2, 0.15), order=3
-    )
+        0.0229 * size, 0.0, short=0.72, long=1.38, agreement=0.1, fits=(0.1, 0.1), order=3,
+        hold=0.1,
+    )  # fmt: skip
 
 
 def extent(mesh):

@@ -111,11 +111,10 @@ def midpoint_inside(halves, links, rows, counts, h, reference, point):
 
 
 @kernel
-def midpoint_on_curve(halves, links, rows, counts, h, curves, point):
-    """A new vertex halfway along a feature edge; returns its rows left and right of h."""
-    s_a, s_b = span(halves, links, rows, curves, h)
+def vertex_on_curve(halves, links, rows, counts, h, parameter, curves, point):
+    """A new vertex at a parameter of a feature edge; returns its rows left and right of h."""
     code = halves[h, CREASE]
-    parameter, node = curve_point(curves, code >> 1, 0.5 * (s_a + s_b), point)
+    parameter, node = curve_point(curves, code >> 1, parameter, point)
     on_boundary = halves[h, TWIN] < 0
     left = new_row(links, counts)
     init_vertex(links, counts, left, CURVE, 4 if on_boundary else 6)
@@ -165,7 +164,10 @@ def sweep_splits(
         if not room(halves, links, counts, 2, 2):
             return done, True
         if halves[h, CREASE] >= 0:
-            left, right = midpoint_on_curve(halves, links, rows, counts, h, curves, point)
+            s_a, s_b = span(halves, links, rows, curves, h)
+            left, right = vertex_on_curve(
+                halves, links, rows, counts, h, 0.5 * (s_a + s_b), curves, point
+            )
         else:
             left = midpoint_inside(halves, links, rows, counts, h, reference, point)
             right = left
