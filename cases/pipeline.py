@@ -23,7 +23,7 @@ from cases.problem import to_problem, units_warning
 from cases.progress import make_reporter
 from cases.remesh_stage import RemeshStage
 from cases.resolved import resolved_case, write_case
-from cases.run_folder import STAGES, RunFolder, stages_done
+from cases.run_folder import OUTPUT, STAGES, RunFolder, stages_done
 from cases.run_log import LOG, RunLog
 from cases.run_state import Run
 from cases.surface_files import write_quality
@@ -173,8 +173,8 @@ def _processor_seconds():
 
 def _finish(run, options, manifest, memory):
     """Quality, pictures and summary; returns the summary's text."""
-    with _measured("output", run, manifest, memory):
-        run.reporter.begin("output")
+    with _measured(OUTPUT, run, manifest, memory):
+        run.reporter.begin(OUTPUT)
         figures = report.quality(run)
         if figures:
             write_quality(run.folder / "quality.json", figures)

@@ -7,6 +7,7 @@ from cases.resolved import read_case
 from meshes.errors import InvalidCase
 
 STAGES = ("mesh", "topopt", "isosurface", "smooth", "remesh")
+OUTPUT = "output"  # quality, pictures and summary, after the last stage
 
 # What each stage writes; the first is what a later stage goes on from.
 _FILES = {
@@ -152,7 +153,7 @@ class RunFolder:
             product = self.path / _FILES[stage][0]
             if stage not in done or ended_otherwise or not product.is_file():
                 return stage
-        return None
+        return None if OUTPUT in done else last
 
     def _check_same(self, case, stored):
         """Refuse to go on with another case; when the optimisation ends may differ."""
@@ -185,10 +186,10 @@ class RunFolder:
 
 
 def stages_done(manifest):
-    """The records of the stages that the run of a manifest.json finished: dict by name."""
+    """The records of what the run of a manifest.json finished, "output" included: dict by name."""
     try:
         stages = json.loads(manifest.read_text(encoding="utf-8"))["stages"]
-        return {name: stages[name] for name in STAGES if name in stages}
+        return {name: stages[name] for name in (*STAGES, OUTPUT) if name in stages}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 

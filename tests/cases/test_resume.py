@@ -91,6 +91,23 @@ def test_a_finished_optimisation_takes_more_steps(unbroken, tmp_path, capsys):
     assert told.out.startswith("tiny\n")
 
 
+def test_a_run_that_was_interrupted_at_its_summary_prints_it(unbroken, tmp_path, monkeypatch):
+    path, whole = unbroken
+    out = tmp_path / "run"
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("cases.pipeline.report.summary", interrupt)
+        patch.setattr("cases.pipeline.report.quality", interrupt)
+        assert run(path, out) == 130
+    assert not (out / "summary.txt").exists()
+    assert run(path, out, "--resume") == 0
+    assert_same(out, whole)
+    assert (out / "summary.txt").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
