@@ -68,6 +68,7 @@ class TopoptStage:
         section = run.case.topopt
         settings = OptimizationSettings(
             steps=section.steps,
+            method=section.method,
             step=section.step,
             tau=None if section.tau == "auto" else section.tau,
             tolerance=section.tolerance,

@@ -267,8 +267,13 @@ class TopoptSection(Section):
     steps: fields.whole(at_least=0, at_most=10**6) = Field(
         200, description="accepted steps at most"
     )
+    method: Literal["vmpt", "allen_cahn"] = Field(
+        "vmpt",
+        description="vmpt: projected gradients in a metric that learns; allen_cahn: the flow",
+    )
     step: Literal["controlled", "variable_metric", "fixed"] = Field(
-        "variable_metric", description="fixed: every step with the first tau, as the thesis ran it"
+        "variable_metric",
+        description="fixed (allen_cahn only): every step with the first tau, as the thesis ran it",
     )
     tau: PositiveOrAuto = Field("auto", description="(first) step size of the flow [1/Pa]")
     tolerance: NotNegative = Field(
@@ -283,6 +288,12 @@ class TopoptSection(Section):
     state_tolerance: fields.number(above=0.0, at_most=0.1) = Field(
         1e-4, description="loosest relative residual of a state solve"
     )
+
+    @model_validator(mode="after")
+    def _fixed_steps_are_the_flow_s(self):
+        if self.step == "fixed" and self.method != "allen_cahn":
+            raise fields.refusal("can take step: fixed with method: allen_cahn only")
+        return self
 
 
 class IsosurfaceSection(Section):

@@ -1,11 +1,12 @@
 """The quadratic programme of one step, and the slow road to its solution that cannot fail.
 
-minimise 1/2 x^T H x - b^T x  over  lower <= x <= upper,  m^T x = V,   H = diag(D) + coupling A.
+minimise 1/2 x^T H x - b^T x  over  lower <= x <= upper,  m^T x = V,
 
-H is symmetric positive definite, so the minimiser is unique, and V(kappa) = m^T x(kappa), with
-x(kappa) the minimiser of the box problem whose linear term is b - kappa m, is continuous and falls
-with kappa. `solve_globalised` finds its root by a safeguarded Newton method; each value of V is
-one box problem, solved by the two-metric projected Newton method.
+H = diag(D) + coupling A, plus a part W^T C W of low rank where the metric knows of past steps
+(`topopt.secants`). H is symmetric positive definite, so the minimiser is unique, and
+V(kappa) = m^T x(kappa), with x(kappa) the minimiser of the box problem whose linear term is
+b - kappa m, is continuous and falls with kappa. `solve_globalised` finds its root by a safeguarded
+Newton method; each value of V is one box problem, solved by the two-metric projected Newton method.
 """
 
 from dataclasses import dataclass
@@ -15,10 +16,11 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from meshes.errors import NotConverged
+from topopt.low_rank_kernels import add_multiple, gram, low_rank_gradients
 from topopt.pdas_kernels import conjugate_gradients, multiply_rows
 
 CG_TOLERANCE = 1e-12
-ACCURACY = 1e-9  # largest natural residual, in units of the box, that is returned
+ACCURACY = 1e-9  # see `StepQP.accuracy`
 MAX_KAPPA_UPDATES = 200
 MAX_NEWTON_STEPS = 200
 
@@ -39,6 +41,12 @@ class StepQP:
         V; None leaves the volume free.
     lower, upper : (n,) float arrays
         Bounds; equal ones hold a node.
+    learned : (k, n) float32 array, optional
+        W.
+    core : (k, k) float array, optional
+        C, symmetric; H as a whole is positive definite.
+    tolerance : float
+        Of the linear systems, in units of the box.
     """
 
     stiffness: csr_matrix
@@ -49,16 +57,24 @@ class StepQP:
     volume: float | None
     lower: np.ndarray
     upper: np.ndarray
+    learned: np.ndarray | None = None
+    core: np.ndarray | None = None
+    tolerance: float = CG_TOLERANCE
 
     @cached_property
     def jacobi(self):
-        """Diagonal (n,) of H."""
+        """Diagonal (n,) of H without its low-rank part."""
         return self.diagonal + self.coupling * self.stiffness.diagonal()
 
     @cached_property
     def movable(self):
         """Nodes (n,) whose bounds differ."""
         return self.upper > self.lower
+
+    @property
+    def accuracy(self):
+        """Largest natural residual, in units of the box, that is returned."""
+        return max(ACCURACY, 100.0 * self.tolerance)
 
     @property
     def matrix(self):
@@ -73,8 +89,13 @@ class StepQP:
 
     def product(self, x, rows=None):
         """H x (n,) on the given rows (all by default), 0 elsewhere."""
-        out = np.zeros(len(x))
-        multiply_rows(*self.matrix, self.all_rows if rows is None else rows, x, out)
+        rows, out = self.all_rows if rows is None else rows, np.zeros(len(x))
+        multiply_rows(*self.matrix, rows, x, out)
+        if self.learned is not None:
+            low_rank = np.zeros(len(x))
+            for factor, row in zip(self.core @ gram(self.learned, x[None])[:, 0], self.learned):
+                add_multiple(factor, row, low_rank)
+            out[rows] += low_rank[rows]
         return out
 
     def objective(self, x):
@@ -115,16 +136,38 @@ class StepQP:
         jacobi, mass = self.jacobi[rows], self.mass[rows]
         reach = np.max(self.upper - self.lower)
         scale = np.array([reach * np.sqrt(jacobi.sum()), np.sqrt((mass * mass / jacobi).sum())])
-        work = np.zeros((2, *residuals.shape))
-        limit = 20 * int(np.sqrt(rows.size)) + 2000
-        arguments = (self.jacobi, rows, x, residuals, work, CG_TOLERANCE * scale, limit)
-        iterations = conjugate_gradients(*self.matrix, *arguments)
+        limits = (self.tolerance * scale, 20 * int(np.sqrt(rows.size)) + 2000)
+        if self.learned is None:
+            arguments = (self.jacobi, rows, x, residuals, np.zeros((2, *x.shape)), *limits)
+            iterations = conjugate_gradients(*self.matrix, *arguments)
+        else:
+            packed = np.ascontiguousarray(self.learned[:, rows])
+            low_rank = (self.jacobi, packed, self.core, *self._preconditioner(packed, jacobi))
+            arguments = (rows, x, residuals, np.zeros((3, *x.shape)), *limits)
+            iterations = low_rank_gradients(*self.matrix, *low_rank, *arguments)
         if iterations < 0:
             raise NotConverged(
                 f"the step's linear system on {rows.size} nodes does not converge; the field, the "
                 "sensitivities or the step size hold numbers that are not finite or far too large."
             )
         return x
+
+    def _preconditioner(self, packed, jacobi):
+        """Core of (J + W^T C W)^-1 on some nodes, J = diag(jacobi), and W J^-1 W^T: (k, k) each.
+
+        J + W^T C W need not be definite: eigenvalues of J^-1/2 W^T C W J^-1/2 below -1/2 are
+        raised to -1/2.
+        """
+        weight = gram(packed, packed / jacobi)
+        weight = 0.5 * (weight + weight.T)
+        squares, vectors = np.linalg.eigh(weight)
+        kept = squares > 1e-12 * squares.max(initial=0.0)
+        root = vectors[:, kept] / np.sqrt(squares[kept])  # G^-1/2
+        back = vectors[:, kept] * np.sqrt(squares[kept])
+        values, turn = np.linalg.eigh(back.T @ self.core @ back)
+        values = np.maximum(values, -0.5)
+        basis = root @ turn
+        return (basis * (values / (1.0 + values))) @ basis.T, weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +297,7 @@ def projected_newton(qp, kappa, x, tolerance=1e-13):
         if moved is None:  # rounding is all that is left
             break
         x = moved
-    if history[-1] <= ACCURACY * reach:
+    if history[-1] <= qp.accuracy * reach:
         return x, solves
     raise NotConverged("projected Newton stalled on the step's box problem.", history)
 
@@ -334,7 +377,7 @@ def _finish(qp, x, kappa, iterations, history):
         raise NotConverged("the volume multiplier of a step was not found.", history)
     x = meet_volume(qp, x)
     residual = qp.natural_residual(x, kappa)
-    if not residual <= ACCURACY * reach:
+    if not residual <= qp.accuracy * reach:
         raise NotConverged(f"a step's quadratic programme is only solved to {residual:.1e}.")
     return _solution(qp, x, kappa, iterations + 1)
 

@@ -1,11 +1,11 @@
 """One run's machinery: what is fixed during it (`Flow`) and what a step changes (`LoopState`)."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from topopt.box_qp import StepQP
+from topopt.box_qp import CG_TOLERANCE, StepQP
 from topopt.elasticity import State
 from topopt.ginzburg_landau import GinzburgLandau
 from topopt.gradient import compliance_gradient, concavity
@@ -14,12 +14,15 @@ from topopt.kkt import KKT, kkt_conditions
 from topopt.parameters import auto_gamma
 from topopt.pdas import solve_step
 from topopt.projection import project_volume
+from topopt.secants import Secants, low_rank_part
 from topopt.step_control import FixedStep, first_rule, sufficient_decrease
 
 MAX_REJECTIONS = 40
 STAGNATION_STEPS = 5
 LEAST_DECREASE = 1e-13  # relative; below, J is only rounding
 FINEST_TOLERANCE = 1e-10
+QP_SHARE = 1e-6  # of the KKT residual: how exactly a step's programme is solved
+LOOSEST_QP = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,9 @@ class LoopState:
     gamma, eps : float
         As used; a run that is continued keeps them.
     history : tuple of HistoryRow
+    secants : Secants
+        What the last steps told about the second derivative; empty where the method is
+        allen_cahn.
     """
 
     phi: np.ndarray
@@ -49,6 +55,7 @@ class LoopState:
     gamma: float
     eps: float
     history: tuple[HistoryRow, ...]
+    secants: Secants
 
     @property
     def values(self):
@@ -62,7 +69,7 @@ class LoopState:
 
 
 class Flow:
-    """The flow of one problem on one mesh.
+    """The flow of one problem on one mesh: `method: allen_cahn`.
 
     Parameters
     ----------
@@ -111,7 +118,8 @@ class Flow:
             self.gamma = auto_gamma(*whole)
         curvature = concavity(self.model, phi, state)
         rule = first_rule(self.settings, self.pressure, float(curvature.sum()) / self.domain_volume)
-        return self._arrive(phi, state, rule, (), self._tau(rule.metric(self.mass, curvature)))
+        tau = self._tau(rule.metric(self.mass, curvature))
+        return self._arrive(phi, state, rule, (), Secants.none(len(phi)), tau)
 
     def advance(self, loop):
         """Take one accepted step: the new LoopState, or None if nothing decreases J any more."""
@@ -130,7 +138,8 @@ class Flow:
             if not rule.monotone or sufficient_decrease(loop.objective, after, slope):
                 effort = (rejected, *counts.tolist())
                 rule = rule.accepted(first_try=rejected == 0)
-                return self._arrive(step.x, state, rule, loop.history, self._tau(metric), effort)
+                tau = self._tau(metric)
+                return self._arrive(step.x, state, rule, loop.history, loop.secants, tau, effort)
             rule = rule.rejected()
         return None
 
@@ -147,13 +156,16 @@ class Flow:
                 return "stagnation"
         return None
 
-    def _programme(self, loop, metric):
-        """The quadratic programme of one step from `loop` in the metric D (n,)."""
-        coupling = self.gamma * self.energy.eps
-        implicit = coupling * (self.energy.stiffness @ loop.phi)
-        linear = metric * loop.phi + implicit - loop.gradient
+    def _programme(self, loop, metric, secants=None):
+        """The quadratic programme of one step from `loop` in the metric D (n,), and secants."""
+        stiffness, coupling = self.energy.stiffness, self.gamma * self.energy.eps
+        low_rank = ()
+        if secants is not None and len(secants.steps):
+            low_rank = low_rank_part(secants, stiffness, coupling, metric)
         bounds = (self.volume, self.lower, self.upper)
-        return StepQP(self.energy.stiffness, coupling, metric, linear, self.mass, *bounds)
+        qp = StepQP(stiffness, coupling, metric, loop.gradient, self.mass, *bounds, *low_rank)
+        tolerance = min(max(QP_SHARE * loop.kkt.residual, CG_TOLERANCE), LOOSEST_QP)
+        return replace(qp, linear=qp.product(loop.phi) - loop.gradient, tolerance=tolerance)
 
     def _solve(self, loop, phi):
         """Solve the state problem, to a tolerance that follows the gain of the last step."""
@@ -168,7 +180,7 @@ class Flow:
             state = self.model.solve(phi, state.displacements, tolerance)
         return state
 
-    def _arrive(self, phi, state, rule, history, tau, effort=(0, 0, None)):
+    def _arrive(self, phi, state, rule, history, secants, tau, effort=(0, 0, None)):
         """The LoopState at phi, its history longer by one row."""
         gradient = compliance_gradient(self.model, phi, state)
         gradient += self.gamma * self.energy.gradient(phi)
@@ -194,7 +206,8 @@ class Flow:
             seconds=time.perf_counter() - self._began,
         )
         parameters = (self.gamma, self.energy.eps)
-        return LoopState(phi, state, gradient, rule, kkt, *parameters, (*history, row))
+        history = (*history, row)
+        return LoopState(phi, state, gradient, rule, kkt, *parameters, history, secants)
 
     def _tau(self, metric):
         """The step size of a metric: exactly tau for M / tau, its mean otherwise."""

@@ -23,6 +23,9 @@ from topopt.passive import check_room, passive_bounds
 from topopt.problem import moved
 from topopt.step_control import RULES
 from topopt.unloaded import Unloaded
+from topopt.vmpt import ProjectedGradient
+
+METHODS = {"vmpt": ProjectedGradient, "allen_cahn": Flow}
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,11 @@ class OptimizationSettings:
     ----------
     steps : int
         Accepted steps at most.
+    method : {"vmpt", "allen_cahn"}
+        The projected gradient method in a metric that learns (`topopt.vmpt`), or the flow.
     step : {"variable_metric", "controlled", "fixed"}
-        See `topopt.step_control`.
+        See `topopt.step_control`; vmpt takes it for the first guess of its metric, and never
+        takes "fixed".
     tau : float or None [1/Pa]
         (First) step size; None takes one from the start's energy density.
     tolerance : float
@@ -50,6 +56,7 @@ class OptimizationSettings:
     """
 
     steps: int = 60
+    method: str = "vmpt"
     step: str = "variable_metric"
     tau: float | None = None
     tolerance: float = 1e-3
@@ -155,7 +162,8 @@ def prepare(mesh, problem, settings, start=None, model=None):
     eps = auto_eps(mesh) if eps is None else eps
     warn_if_coarse(mesh, eps)
     bounds = passive_bounds(mesh, problem)
-    flow = Flow(mesh, model, settings, problem.volume_fraction, eps, gamma, seconds, bounds)
+    method = METHODS[settings.method]
+    flow = method(mesh, model, settings, problem.volume_fraction, eps, gamma, seconds, bounds)
     if settings.volume_constraint:
         check_room(flow.mass, *bounds, problem.volume_fraction)
     return flow
@@ -186,7 +194,9 @@ def check_settings(settings):
     """Raise InvalidCase if a setting is out of range."""
     rules = {
         "steps": settings.steps >= 0,
-        "step": settings.step in RULES,
+        "method": settings.method in METHODS,
+        "step": settings.step in RULES
+        and (settings.method != "vmpt" or RULES[settings.step].monotone),
         "tau": settings.tau is None or settings.tau > 0.0,
         "tolerance": settings.tolerance >= 0.0,
         "stagnation": settings.stagnation >= 0.0,
@@ -194,7 +204,8 @@ def check_settings(settings):
     }
     for name, holds in rules.items():
         if not holds:
-            wanted = {"step": "one of " + ", ".join(RULES)}
+            wanted = {"method": "one of " + ", ".join(METHODS)}
+            wanted["step"] = f"one of {', '.join(RULES)} (fixed with method: allen_cahn only)"
             wanted |= {"tau": "positive", "state_tolerance": "in (0, 0.01]"}
             raise InvalidCase(
                 f"{name}: must be {wanted.get(name, 'at least 0')}, "

@@ -87,6 +87,7 @@ class VariableMetricStep(ControlledStep):
     """
 
     share: float = 1.0
+    least: ClassVar[float] = 1.0
     most: ClassVar[float] = 6.0
 
     def metric(self, mass, concavity):
@@ -96,11 +97,20 @@ class VariableMetricStep(ControlledStep):
         return replace(super().rejected(), share=min(3.0 * self.share, self.most))
 
     def accepted(self, first_try):
-        share = max(0.8 * self.share, 1.0) if first_try else self.share
+        share = max(0.8 * self.share, self.least) if first_try else self.share
         return replace(super().accepted(first_try), share=share)
 
 
+@dataclass(frozen=True)
+class LearningMetricStep(VariableMetricStep):
+    """The same with a smaller c: the base of a metric that learns the stiff directions itself."""
+
+    share: float = 0.5
+    least: ClassVar[float] = 0.5
+
+
 RULES = {"controlled": ControlledStep, "variable_metric": VariableMetricStep, "fixed": FixedStep}
+LEARNING_RULES = {"controlled": ControlledStep, "variable_metric": LearningMetricStep}
 
 
 def first_rule(settings, pressure, concavity):
@@ -109,7 +119,7 @@ def first_rule(settings, pressure, concavity):
     Parameters
     ----------
     settings : OptimizationSettings
-        Its `step` and `tau`.
+        Its `method`, `step` and `tau`.
     pressure : float [Pa]
         gamma / eps.
     concavity : float [Pa]
@@ -117,7 +127,7 @@ def first_rule(settings, pressure, concavity):
         part is loaded evenly; half of that is the first tau if the settings name none.
     """
     tau = 0.5 / max(concavity, pressure) if settings.tau is None else settings.tau
-    rule = RULES[settings.step]
+    rule = (LEARNING_RULES if settings.method == "vmpt" else RULES)[settings.step]
     return rule(tau) if rule is FixedStep else rule(tau, LONGEST / pressure)
 
 

@@ -6,7 +6,18 @@ from scipy.optimize import brentq, lsq_linear
 
 def dense_hessian(qp):
     """H (n, n) of a step's quadratic programme."""
-    return np.diag(qp.diagonal) + qp.coupling * qp.stiffness.toarray()
+    hessian = np.diag(qp.diagonal) + qp.coupling * qp.stiffness.toarray()
+    if qp.learned is not None:
+        hessian += qp.learned.T.astype(float) @ qp.core @ qp.learned.astype(float)
+    return hessian
+
+
+def bfgs(base, pairs):
+    """B (n, n) after the BFGS updates by pairs (s, y) of the base matrix (n, n), oldest first."""
+    b = base.copy()
+    for s, y in pairs:
+        b += np.outer(y, y) / (y @ s) - np.outer(b @ s, b @ s) / (s @ b @ s)
+    return b
 
 
 def box_minimiser(hessian, linear, lower, upper):

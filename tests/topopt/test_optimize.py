@@ -18,6 +18,7 @@ from topopt.optimize import OptimizationSettings, optimize, prepare
 from topopt.parameters import measured_interface, warn_if_coarse
 
 ENDLESS = {"tolerance": 0.0, "stagnation": 0.0}
+THESIS = {"method": "allen_cahn", "step": "fixed"}
 
 
 def run(steps=12, start=None, callback=None, cells=(6, 2, 4), scale=1.0, changes=None, **settings):
@@ -61,7 +62,7 @@ def test_sphere_shrinks_by_the_law():
     """R^2 = R0^2 - 4 gamma eps n tau / (1 + 2 tau gamma / eps): volume free, no load."""
     mesh, phi = sphere_octant(radius=8.0, size=9.5, elements_across=6)
     tau, steps = 1.0, 10
-    radii, _ = flow_of_ball(mesh, phi, steps, step="fixed", tau=tau, volume_constraint=False)
+    radii, _ = flow_of_ball(mesh, phi, steps, tau=tau, **THESIS, volume_constraint=False)
     expected = 4.0 * np.arange(steps + 1) * tau / (1.0 + 2.0 * tau)
     shrunk = radii[0] ** 2 - radii**2
     assert radii[0] == pytest.approx(8.0, rel=0.01)
@@ -103,14 +104,15 @@ def test_volume_and_box_are_exact_in_every_step():
     assert [row.iteration for row in result.history] == list(range(7))
 
 
+@pytest.mark.parametrize("method", ["vmpt", "allen_cahn"])
 @pytest.mark.parametrize("step", ["controlled", "variable_metric"])
-def test_other_rules_descend_too(step):
-    objective = column(run(8, step=step, tau=None), "objective_J")
+def test_every_method_descends_by_every_rule(method, step):
+    objective = column(run(8, method=method, step=step, tau=None), "objective_J")
     assert np.all(np.diff(objective) < 0) and objective[-1] < 0.6 * objective[0]
 
 
 def test_fixed_step_keeps_tau_and_takes_every_step():
-    result = run(4, step="fixed", tau=0.02)
+    result = run(4, **THESIS, tau=0.02)
     np.testing.assert_allclose(column(result, "tau"), 0.02, rtol=1e-12)
     assert np.all(column(result, "rejected") == 0) and len(result.history) == 5
 
@@ -235,7 +237,13 @@ def test_measured_interface_of_a_known_slope():
 
 @pytest.mark.parametrize(
     "settings, named",
-    [({"step": "newton"}, "step"), ({"tau": -1.0}, "tau"), ({"steps": -1}, "steps")],
+    [
+        ({"step": "newton"}, "step"),
+        ({"step": "fixed"}, "step"),
+        ({"method": "oc"}, "method"),
+        ({"tau": -1.0}, "tau"),
+        ({"steps": -1}, "steps"),
+    ],
 )
 def test_bad_settings_are_refused_by_name(settings, named):
     with pytest.raises(InvalidCase, match=f"^{named}: "):
