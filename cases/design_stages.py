@@ -11,21 +11,24 @@ import logging
 import numpy as np
 
 from cases.history import HistoryFile
+from cases.json_file import write_json
 from cases.resolved import resolved_case
 from cases.run_folder import topopt_sections
 from cases.series import FieldSeries, snapshot_steps
 from cases.stage_files import load_design, save_design
 from meshes.io import load_tet_mesh, save_tet_mesh
 from topopt.boundary import boundary_conditions, check_rigid_motions, rigid_supports
+from topopt.certificate import certify
 from topopt.checkpoint import Checkpoints
 from topopt.domain import attach_sets, mesh_domain, mesh_hash
 from topopt.elasticity import ElasticModel, von_mises
 from topopt.geometry import tet_geometry
 from topopt.interpolation import stiffness_factor
-from topopt.optimize import OptimizationSettings, optimize
+from topopt.optimize import OptimizationSettings, optimize, prepare
 from topopt.parameters import mean_edge_length, measured_interface, too_coarse
 
 LOG = logging.getLogger("phasemesh")
+LARGEST_DERIVATIVE_ERROR = 1e-3
 
 
 class MeshStage:
@@ -87,6 +90,7 @@ class TopoptStage:
             watch = _Watch(run, series, history, checkpoints)
             result = optimize(run.mesh, run.problem, settings, start, watch, model)
         self._keep(run, result, model, conditions, series)
+        self._certify(run, result, model, settings)
         if result.outcome == "interrupted":
             raise KeyboardInterrupt
         row = result.history[-1]
@@ -108,6 +112,15 @@ class TopoptStage:
         run.figures["topopt"] = _design_figures(run, result, model, conditions, stress)
         save_design(run.folder / "phase_field.npz", run.design, run.fields, run.figures["topopt"])
         series.write(result.history[-1].iteration, *_series_fields(run, phi, state, stress))
+
+    def _certify(self, run, result, model, settings):
+        """Write kkt.json, and warn where the derivatives disagree with differences of J."""
+        flow = prepare(run.mesh, run.problem, settings, result.loop, model)
+        proof = certify(flow, result.loop, np.random.default_rng(run.case.seed))
+        write_json(run.folder / "kkt.json", {"outcome": result.outcome, **proof.as_dict()})
+        worst = max(check.relative_error for check in proof.derivatives)
+        if worst > LARGEST_DERIVATIVE_ERROR:
+            LOG.warning("the gradient differs from finite differences of J by %.1e.", worst)
 
     def load(self, run):
         run.design, run.fields, run.figures["topopt"] = load_design(

@@ -134,7 +134,7 @@ class Flow:
                 return None
             state = self._solve(loop, step.x)
             counts += step.iterations, state.iterations
-            after = state.compliance + self.gamma * self.energy.energy(step.x)
+            after = self.objective(step.x, state)
             if not rule.monotone or sufficient_decrease(loop.objective, after, slope):
                 effort = (rejected, *counts.tolist())
                 rule = rule.accepted(first_try=rejected == 0)
@@ -155,6 +155,20 @@ class Flow:
             if before - loop.objective < settings.stagnation * abs(before):
                 return "stagnation"
         return None
+
+    def objective(self, phi, state):
+        """J [J] at phi (n,), its state given."""
+        return state.compliance + self.gamma * self.energy.energy(phi)
+
+    def gradient(self, phi, state):
+        """Nodal derivatives (n,) [J] of J at phi (n,), its state given."""
+        elastic = compliance_gradient(self.model, phi, state)
+        return elastic + self.gamma * self.energy.gradient(phi)
+
+    def conditions(self, phi, gradient):
+        """The KKT of a field (n,) with the nodal derivatives (n,) of J."""
+        volume = (self.volume, self.pressure, self.lower, self.upper)
+        return kkt_conditions(phi, gradient, self.mass, *volume)
 
     def _programme(self, loop, metric, secants=None):
         """The quadratic programme of one step from `loop` in the metric D (n,), and secants."""
@@ -182,10 +196,8 @@ class Flow:
 
     def _arrive(self, phi, state, rule, history, secants, tau, effort=(0, 0, None)):
         """The LoopState at phi, its history longer by one row."""
-        gradient = compliance_gradient(self.model, phi, state)
-        gradient += self.gamma * self.energy.gradient(phi)
-        volume = (self.volume, self.pressure, self.lower, self.upper)
-        kkt = kkt_conditions(phi, gradient, self.mass, *volume)
+        gradient = self.gradient(phi, state)
+        kkt = self.conditions(phi, gradient)
         interface = self.gamma * self.energy.energy(phi)
         rejected, systems, iterations = effort
         row = HistoryRow(

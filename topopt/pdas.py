@@ -6,11 +6,13 @@ nodes between the sets by the sign of their multipliers until nothing moves any 
 cycle, and it can run out of inactive nodes; then the globalised solver takes over.
 """
 
+from dataclasses import replace
 from hashlib import blake2b
 
 import numpy as np
 
 from topopt.box_qp import (
+    CG_TOLERANCE,
     StepSolution,
     meet_volume,
     sets_of,
@@ -48,11 +50,12 @@ def solve_step(qp, start):
     Thesis section 2.2.5.2. The sets start from a projected Jacobi step, which already meets the
     volume: for short steps they are often the final ones.
     """
+    exact = replace(qp, tolerance=CG_TOLERANCE)
     if qp.volume is None:
-        return solve_box(qp, start)
+        return solve_box(exact, start)
     guess, kappa = first_guess(qp, start)
     solution = active_set_iteration(qp, sets_of(qp, guess), guess, kappa)
-    return solve_globalised(qp, guess, kappa) if solution is None else solution
+    return solve_globalised(exact, guess, kappa) if solution is None else solution
 
 
 def first_guess(qp, start):

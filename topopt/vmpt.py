@@ -51,7 +51,7 @@ class ProjectedGradient(Flow):
             phi = step.x if rejected == 0 else self._between(loop.phi, direction, share)
             state = self._solve(loop, phi)
             iterations += state.iterations
-            after = state.compliance + self.gamma * self.energy.energy(phi)
+            after = self.objective(phi, state)
             if sufficient_decrease(loop.objective, after, share * slope):
                 rule = rule.accepted(first_try=True) if rejected == 0 else rule
                 effort = (rejected, step.iterations, iterations)

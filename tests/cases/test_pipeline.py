@@ -58,7 +58,8 @@ def test_all_files_are_there(tiny):
     found = {str(p.relative_to(tiny[1])) for p in tiny[1].rglob("*") if p.is_file()}
     steps = {"fields/step_0001.vtu", "fields/step_0002.vtu", "fields/step_0005.vtu"}
     assert found == steps | {
-        "case.yaml", "manifest.json", "history.csv", "run.log", "fields/design.pvd", "mesh.npz",
+        "case.yaml", "manifest.json", "history.csv", "kkt.json", "run.log",
+        "fields/design.pvd", "mesh.npz",
         "phase_field.npz", "isosurface.ply", "smoothed.ply", "surface.ply", "surface.stl",
         "quality.json", "summary.txt", "checkpoint-0.npz", "checkpoint-1.npz",
     }  # fmt: skip
