@@ -1,17 +1,20 @@
 """The state solve beside the stock pyamg recipe, on one table.
 
-    python benchmarks/state_solver.py [--sizes 20 160 640] [--repeats 5] [--mesh FILE.npz] [--peer]
+    python -m benchmarks.state_solver [--sizes 20 160 640] [--repeats 5] [--mesh FILE.npz]
+                                      [--run FOLDER] [--peer]
 
-Prints, for boxes of about 20k, 160k and 640k unknowns (or the mesh in FILE.npz with arrays
-`points` and `tets`), wall and CPU microseconds per unknown of the assembly, of the numeric set-up
-and of the solve to 1e-5 for an arch of material in void; the share of the machine's streaming
-bandwidth the solve reaches; and with --peer the same system solved by pyamg's smoothed aggregation
-with its own block Gauss-Seidel smoother. The best of the repeats counts.
+Prints, for boxes of about 20k, 160k and 640k unknowns (and for the mesh in FILE.npz with arrays
+`points` and `tets`, and for the bridge's mesh and final design in the FOLDER of a run), wall and
+CPU microseconds per unknown of the assembly, of the numeric set-up and of the solve to 1e-5 for an
+arch of material in void; the share of the machine's streaming bandwidth the solve reaches; and
+with --peer the same system solved by pyamg's smoothed aggregation with its own block Gauss-Seidel
+smoother. The best of the repeats counts.
 """
 
 import argparse
 import os
 import time
+from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -19,6 +22,7 @@ import numba
 import numpy as np
 from numba import njit, prange
 
+from meshes.io import load_tet_mesh
 from meshes.structured import bcc_box
 from meshes.tet_mesh import TetMesh, boundary_facets, tet_volumes
 from topopt.elasticity import ElasticModel
@@ -108,12 +112,16 @@ def our_solve(model, phi, forces, repeats):
 
 def bytes_per_iteration(solver):
     """What one iteration of conjugate gradients reads: every matrix as often as it is used."""
-    degree, total = solver.settings.degree, 0
-    for level in solver.hierarchy.levels[:-1]:
+    settings, visits = solver.settings, 1
+    total = solver._matrix[2].nbytes + solver._matrix[1].nbytes
+    for depth, level in enumerate(solver.hierarchy.levels[:-1]):
         matrix = level.blocks.nbytes + level.pattern.indices.nbytes
+        if depth > 0 and level.f.size <= settings.krylov_unknowns:
+            total += 2 * visits * matrix
+            visits *= 2
         transfer = level.p_blocks.nbytes + level.transfer.prolongator.indices.nbytes
-        total += 2 * degree * (matrix + level.inverse.nbytes) + 2 * transfer
-    return total + solver._matrix[2].nbytes + solver._matrix[1].nbytes
+        total += visits * 2 * (settings.degree * (matrix + level.inverse.nbytes) + transfer)
+    return total
 
 
 def report(name, best, iterations, compliance, unknowns, extra=""):
@@ -132,6 +140,7 @@ def main():
     parser.add_argument("--sizes", type=int, nargs="*", default=[20, 160, 640])
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--mesh", action="append", default=[])
+    parser.add_argument("--run", action="append", default=[], type=Path)
     parser.add_argument("--peer", action="store_true", help="also solve with stock pyamg")
     options = parser.parse_args()
     bandwidth = streaming_bandwidth()
@@ -141,14 +150,20 @@ def main():
         "solver     unknowns       assembly         set-up          solve   set-up+solve"
         "  iter   compliance"
     )
-    meshes = [box_of(1000 * size) for size in options.sizes]
-    for mesh in meshes + [mesh_of(path) for path in options.mesh]:
-        compare(mesh, options, bandwidth)
+    for mesh in (box_of(1000 * size) for size in options.sizes):
+        compare(mesh, None, options, bandwidth)
+    for path in options.mesh:
+        compare(mesh_of(path), None, options, bandwidth)
+    for folder in options.run:
+        with np.load(folder / "phase_field.npz") as data:
+            design = data["values"]
+        compare(load_tet_mesh(folder / "mesh.npz"), design, options, bandwidth)
 
 
-def compare(mesh, options, bandwidth):
-    """Print the rows of one mesh."""
+def compare(mesh, design, options, bandwidth):
+    """Print the rows of one mesh, for a design or (None) for an arch."""
     conditions, phi = bridge(mesh)
+    phi = phi if design is None else design
     problem = Problem(BoxDomain((0, 0, 0), tuple(SIZE)), (), (), 0.1)
     unknowns = 3 * len(mesh.points)
     began = time.process_time()
