@@ -198,6 +198,17 @@ def test_displacement_alone_is_stiffened():
     assert all(after <= before for before, after in pairwise(objectives))
 
 
+def test_each_case_imposes_its_own_displacements_and_holds_the_others():
+    mesh, problem = bar()
+    left, right = (replace(s, displacement=(1e-4, 0, 0)) for s in problem.supports[:2])
+    cases = (LoadCase("a", displacements=("left",)), LoadCase("b", displacements=("right",)))
+    problem = replace(problem, supports=(left, right, *problem.supports[2:]), load_cases=cases)
+    first, second = (case.displacement[:, 0] for case in boundary_conditions(mesh, problem).cases)
+    x = mesh.points[:, 0]
+    np.testing.assert_array_equal(first, np.where(x == 0.0, 1e-4, 0.0))
+    np.testing.assert_array_equal(second, np.where(x == SIZE[0], 1e-4, 0.0))
+
+
 def test_contradicting_displacements_are_refused():
     mesh, problem = bar()
     corner = Support("corner", Box((0.06, -INF, 0), (0.06, INF, 0)), (0, 2))

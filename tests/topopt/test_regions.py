@@ -111,6 +111,20 @@ def test_a_surface_that_is_not_convex_leaves_its_hollow_out():
     np.testing.assert_array_equal(contains(region, x, 0.0), [False, True, True, True, False, False])
 
 
+def test_the_side_is_told_beyond_sharp_edges_and_corners_too():
+    """A flat tetrahedron: beyond its edges points lie behind one of the two faces."""
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.4, 0.3, 0.1]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    x = np.random.default_rng(8).uniform([-0.5, -0.5, -0.3], [1.5, 1.5, 0.4], (20000, 3))
+    barycentric = np.linalg.solve(
+        np.vstack([points.T, np.ones(4)]), np.vstack([x.T, np.ones(20000)])
+    )
+    inside = (barycentric > 0.0).all(axis=0)
+    assert inside.sum() > 50
+    region = SurfaceRegion(TriMesh(points, faces))
+    np.testing.assert_array_equal(contains(region, x, 0.0), inside)
+
+
 def test_a_slab_of_any_direction():
     normal = (1.0, 2.0, -0.5)
     flat = np.array([[[0.0, 0, 0], [2, -1, 0], [1, 0, 2]]])  # in the plane through the origin
