@@ -97,7 +97,7 @@ def make_app(command, takes_file, run):
         file
             The case, a YAML file.
         preset
-            One of the presets in the case's YAML (ours have thesis and preview).
+            One of the presets in the case's YAML (ours have thesis, certified and preview).
         set_
             KEY=VALUE: a dotted key of the YAML and its value, as
             topopt.volume_fraction=0.1; may be given again and again.

@@ -343,7 +343,7 @@ def test_all_keys_are_described():
 
 
 @pytest.mark.parametrize("name", ["bridge", "table", "tower"])
-@pytest.mark.parametrize("preset", ["thesis", "preview"])
+@pytest.mark.parametrize("preset", ["thesis", "certified", "preview"])
 def test_our_cases_are_valid(name, preset):
     from importlib.resources import files
 
@@ -351,5 +351,9 @@ def test_our_cases_are_valid(name, preset):
     assert loaded.case.name == name
     if preset == "preview":
         assert loaded.case.mesh.tets >= 20_000
+    elif preset == "certified":
+        tolerance = {"bridge": 1e-2, "table": 2e-2, "tower": 1e-3}[name]
+        assert loaded.case.topopt.tolerance == tolerance and loaded.case.topopt.steps == 300
+        assert loaded.case.mesh == load_case(files("cases") / f"{name}.yaml", "thesis").case.mesh
     else:
         assert loaded.case.topopt.steps == 60
