@@ -82,7 +82,7 @@ def main(arguments=None):
         help="Remesh a surface so that small triangles lie where it curves. Creases, corners, "
         "face labels, holes and values at the vertices are kept; the table printed at the end "
         "compares both surfaces.",
-        help_format="plaintext",
+        help_format="markdown",
         version_flags=[],
         result_action="return_value",
         suppress_keyboard_interrupt=False,

@@ -112,7 +112,7 @@ def remesh_file(request, reporter):
     if request.picture is not None:
         reporter.update("drawing")
         with outcome.timed("picture"):
-            problem = draw_before_after(surface, final, request.picture)
+            problem = draw_before_after(featured, result.mesh, request.picture)
         outcome.notes += [problem] if problem else []
     outcome.notes += _remarks(outcome)
     for note in outcome.notes:
@@ -244,12 +244,13 @@ def _remarks(outcome):
     if asked is not None and abs(after["vertices"] - asked) > COUNT_TOLERANCE * asked:
         notes.append(f"{asked:,} vertices were asked for, {after['vertices']:,} came out")
     crossing = after["self_intersecting_faces"]
-    if crossing:
-        why = ": unite overlapping bodies first" if report.crossing_faces else ""
+    if crossing and report.crossing_faces:
         notes.append(
             f"{crossing:,} triangles of the result cross others, as {report.crossing_faces:,} of "
-            f"the input do{why}"
+            "the input do: unite overlapping bodies first"
         )
+    elif crossing:
+        notes.append(f"{crossing:,} triangles of the result cross others: try --smooth")
     if outcome.statistics.get("inverted_faces"):
         count = outcome.statistics["inverted_faces"]
         notes.append(f"{count:,} triangles of the result lie against the surface's normals")
