@@ -38,6 +38,17 @@ def test_matrix_is_scikit_fems(mesh):
     assert abs(matrix - reference).max() <= 1e-14 * abs(reference).max()
 
 
+def test_a_matrix_may_take_the_place_of_an_earlier_one():
+    mesh = bcc_box((0, 0, 0), (1, 1, 1), (3, 2, 2))
+    assembler, factor, _ = setting(mesh)
+    fresh = assembler.assemble(factor)
+    earlier = assembler.assemble(factor[::-1])
+    assert np.any(earlier.data != fresh.data)
+    again = assembler.assemble(factor, earlier)
+    assert np.shares_memory(again.data, earlier.data)
+    assert_array_equal(again.data, fresh.data)
+
+
 def test_both_assemblies_are_the_dense_twins():
     mesh = twin.perturbed_box((0, 0, 0), (1.0, 2.0, 1.0), (1, 2, 1))
     assembler, factor, fixed = setting(mesh)
