@@ -9,6 +9,7 @@ from remesh.adjust import (
     barycentric_samples,
     fit_vertices,
     free_rows,
+    hold_forms,
     match_volume,
     solve_fit,
 )
@@ -102,3 +103,24 @@ def test_volume_is_matched_and_planes_stay():
     free = free_rows(work)
     held = ~free
     np.testing.assert_array_equal(work.rows[: len(free)][held, OFFSET], 0.0)
+
+
+def test_hold_forms_give_the_growth_of_the_squared_gaps():
+    """At a minimum over one vertex, moving it by d adds d . A d to the sum of squared gaps."""
+    rng = np.random.default_rng(5)
+    corners = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]])
+    samples = barycentric_samples(2)
+    weights = rng.uniform(0.5, 1.0, 3)
+    normals = rng.normal(size=(12, 3))
+    lines = np.concatenate([w * samples[:, :1] for w in weights]) * normals
+    gap = np.repeat(rng.normal(size=3), 4)
+    right = np.repeat(weights, 4) * gap
+    step, hold = np.zeros((4, 3)), np.zeros((4, 9))
+    step[0] = np.linalg.lstsq(lines, right, rcond=None)[0]
+    energy = hold_forms(corners, samples, weights, normals, gap, step, hold)
+    assert energy == pytest.approx(np.sum((lines @ step[0] - right) ** 2))
+    d = rng.normal(size=3)
+    xx, yy, zz, xy, yz, zx = hold[0, 3:]
+    form = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
+    grown = np.sum((lines @ (step[0] + d) - right) ** 2)
+    assert grown - energy == pytest.approx(d @ form @ d)

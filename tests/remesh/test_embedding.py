@@ -56,3 +56,9 @@ def test_length_on_a_sphere_is_stretched_by_sigma_over_radius():
     flat = embedding.corner_edge_lengths(sphere.points[sphere.faces])
     expected = flat * np.sqrt(1.0 + (sigma / radius) ** 2)
     np.testing.assert_allclose(embedding.corner_edge_lengths(corners), expected, rtol=1e-12)
+
+
+def test_quick_arc_tangent():
+    tangents = np.linspace(0.0, np.sqrt(3.0), 200)
+    found = [embedding.degrees_of(t) for t in tangents]
+    np.testing.assert_allclose(found, np.degrees(np.arctan(tangents)), atol=7e-5)

@@ -5,6 +5,7 @@ import pytest
 
 from remesh.carrier import make_carrier
 from remesh.curves import curve_length, curve_point
+from remesh.nearest import walk
 from remesh.triangle_surface import TriangleSurface
 from tests.remesh import reference
 from tests.remesh.shapes import cut_sphere, cylinder, hemisphere, jittered
@@ -86,3 +87,22 @@ def test_normals_beside_a_rim_are_those_of_cap_and_side():
     np.testing.assert_allclose(sides[cap[0]], np.tile([0.0, 0.0, 1.0], (len(path), 1)))
     rim = mesh.points[path]
     assert np.einsum("ij,ij->i", sides[1 - cap[0]], rim).min() > 0.99
+
+
+def test_walks_reach_the_nearest_point_of_a_smooth_surface():
+    carrier = make_carrier(icosphere(3))
+    mesh = carrier.mesh
+    rng = np.random.default_rng(6)
+    hints = rng.integers(0, len(mesh.faces), 40)
+    middles = mesh.points[mesh.faces[hints]].mean(axis=1)
+    points = middles + 0.2 * rng.normal(size=(40, 3)) * (1.0 - np.abs(middles))
+    points *= 1.02 / np.linalg.norm(points, axis=1)[:, None]
+    far = 0
+    for point, hint in zip(points, hints):
+        face, v, w, square = walk(carrier.reference, *point, hint)
+        a, b, c = mesh.points[mesh.faces[face]]
+        foot = a + v * (b - a) + w * (c - a)
+        assert np.sqrt(square) == pytest.approx(np.linalg.norm(point - foot), rel=1e-9)
+        assert np.sqrt(square) == pytest.approx(reference.closest_distance(point, mesh), rel=1e-6)
+        far += face != hint
+    assert far > 20

@@ -8,6 +8,7 @@ from meshes.features import find_features
 from meshes.quality import signed_volume
 from meshes.self_intersection import self_intersecting_faces
 from meshes.topology import feature_corners, topology
+from rbf import fit_surface
 from remesh import RemeshSettings, TriangleSurface, remesh
 from remesh.embedding import corner_edge_lengths, face_corner_embedding, smallest_angles
 from tests.remesh.shapes import cut_sphere, cylinder, hemisphere, jittered, revolved, rotation
@@ -85,6 +86,45 @@ def test_sigma_makes_triangles_follow_curvature():
         corners = face_corner_embedding(mesh.points, mesh.faces, normals, 0.5)
         angles.append(smallest_angles(corners).mean())
     assert angles[1] > angles[0] + 3.0
+
+
+def test_edges_on_a_torus_are_as_long_as_its_curvatures_say():
+    """l3 = l6 / sqrt(1 + sigma^2 kappa^2) along both principal directions."""
+    surface, sigma = TorusSurface(major=1.0, minor=0.3), 0.3
+    settings = RemeshSettings(vertices=1500, sigma=sigma)
+    mesh = remesh(torus(), surface, settings).mesh
+    ends = np.unique(np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    a, b = mesh.points[ends[:, 0]], mesh.points[ends[:, 1]]
+    middle, step = 0.5 * (a + b), b - a
+    length = np.linalg.norm(step, axis=1)
+    turn = surface.gradient(a) - surface.gradient(b)
+    length6 = np.sqrt(length**2 + sigma**2 * (turn**2).sum(axis=1)).mean()
+    ring = np.hypot(middle[:, 0], middle[:, 1])
+    around = np.stack([-middle[:, 1], middle[:, 0], np.zeros(len(middle))], axis=1) / ring[:, None]
+    cosine = np.abs(np.einsum("ij,ij->i", step, around)) / length
+    outward = (ring - surface.major) / surface.minor
+    for chosen, curvature in (
+        (cosine < 0.25, np.full(len(ring), 1.0 / surface.minor)),
+        (cosine > 0.97, outward / ring),
+    ):
+        expected = length6 / np.sqrt(1.0 + (sigma * curvature[chosen]) ** 2)
+        assert chosen.sum() > 100
+        assert (length[chosen] / expected).mean() == pytest.approx(1.0, abs=0.15)
+
+
+def test_lengths_on_a_fitted_sphere_follow_its_curvature():
+    """6D lengths by the normals of a fitted interpolant: l3 sqrt(1 + sigma^2 / R^2)."""
+    radius, sigma = 2.0, 0.8
+    sphere = icosphere(3, radius=radius)
+    surface = fit_surface(sphere)
+    mesh = remesh(sphere, surface, RemeshSettings(vertices=400, sigma=sigma)).mesh
+    check(mesh, worst=25.0)
+    normals = surface.gradient(mesh.points)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    flat = corner_edge_lengths(mesh.points[mesh.faces])
+    corners = face_corner_embedding(mesh.points, mesh.faces, normals[mesh.faces], sigma)
+    expected = flat * np.sqrt(1.0 + (sigma / radius) ** 2)
+    np.testing.assert_allclose(corner_edge_lengths(corners), expected, rtol=0.05)
 
 
 def test_cube_keeps_edges_corners_and_planes():
