@@ -302,6 +302,15 @@ class IsosurfaceSection(Section):
     level: fields.number(above=0.0, below=1.0, words=("volume",)) = Field(
         0.5, description="phi on the surface; volume: the level that encloses volume_fraction"
     )
+    crossing: Literal["quadratic", "sine", "linear"] = Field(
+        "quadratic", description="how phi runs along an edge of the mesh"
+    )
+    spread: fields.number(at_least=0.0, below=0.5) = Field(
+        0.0, description="share of an edge by which vertices slide away from the mesh's nodes"
+    )
+    diffusion: fields.number(at_least=0.0, at_most=10.0) = Field(
+        0.0, description="smooth phi itself before, over so many edge lengths, by one implicit step"
+    )
     islands: Literal["drop", "keep"] = Field(
         "drop", description="what becomes of pieces that touch no load or no support"
     )

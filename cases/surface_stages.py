@@ -8,16 +8,19 @@ import logging
 
 from isosurface import (
     SmoothingSettings,
+    diffused,
     drop_islands,
     extract_surface,
     mirror,
     modelled_volume,
     smooth,
+    surface_level,
     volume_level,
 )
 from isosurface.repair import repair_slivers
 from meshes.io import read_surface, write_surface
 from meshes.quality import signed_volume
+from meshes.tet_mesh import tet_volumes
 
 LOG = logging.getLogger("phasemesh")
 
@@ -36,19 +39,41 @@ class IsosurfaceStage:
 
     def _extract(self, run):
         section, design = run.case.isosurface, run.design
-        volume = run.figures["topopt"]["material_volume_m3"]
-        level = volume_level(design, volume) if section.level == "volume" else section.level
+        if section.diffusion > 0.0:
+            design = diffused(design, section.diffusion * _edge_length(design.mesh))
+        level = self._level(run, design)
         figures = {"level": level, "islands_dropped": 0}
         if section.islands == "drop":
             design, report = drop_islands(design, level)
             figures["islands_dropped"] = report.islands
             figures["cavities"] = report.cavities
             _tell_islands(report)
-        run.modelled = extract_surface(design, level)
+        run.modelled = extract_surface(design, level, section.crossing, spread=section.spread)
         run.isosurface = mirror(run.modelled, run.problem.symmetry)
         figures["modelled_volume_m3"] = modelled_volume(run.modelled, run.problem.symmetry)
         run.figures["isosurface"] = figures
         return _counted(run.isosurface)
+
+    def _level(self, run, design):
+        """The level asked for, or the one whose surface encloses the material's volume."""
+        section = run.case.isosurface
+        if section.level != "volume":
+            return section.level
+        volume = run.figures["topopt"]["material_volume_m3"]
+        if section.crossing == "linear" and section.spread == 0.0:
+            return volume_level(design, volume)
+
+        def enclosed(level):
+            surface = extract_surface(design, level, section.crossing, spread=section.spread)
+            return modelled_volume(surface, run.problem.symmetry)
+
+        return surface_level(design, volume, enclosed)
+
+
+def _edge_length(mesh):
+    """Edge [m] of a regular tetrahedron of the mesh's mean volume."""
+    volume = tet_volumes(mesh.points, mesh.tets).mean()
+    return float((6.0 * 2.0**0.5 * volume) ** (1.0 / 3.0))
 
 
 def _tell_islands(report):
@@ -88,6 +113,8 @@ class SmoothStage:
         )
         surface, report = smooth(surface, settings, symmetry)
         LOG.info("smoothing: %s", report)
+        if section.repair:
+            surface = _repaired_again(surface, report, symmetry)
         figures["drift_of_filter"] = report.drift_filtered
         figures["normal_offset_m"] = report.offset
         figures["largest_move_m"] = report.largest_move
@@ -99,6 +126,18 @@ class SmoothStage:
     def load(self, run):
         run.smoothed = read_surface(run.folder / "smoothed.ply")
         run.figures["smooth"] = {}
+
+
+def _repaired_again(surface, report, symmetry):
+    """Repair what smoothing has left, or made, of slivers; the volume stays as smoothing set it."""
+    repaired, second = repair_slivers(surface, symmetry)
+    LOG.info("slivers after smoothing: %s", second)
+    if second.min_angle_after <= second.min_angle_before or report.volume_after is None:
+        return surface
+    settings = SmoothingSettings(taubin="off", target_volume=report.volume_after)
+    repaired, restored = smooth(repaired, settings, symmetry)
+    LOG.info("volume after repair: %s", restored)
+    return repaired
 
 
 def _counted(surface):

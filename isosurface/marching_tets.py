@@ -14,14 +14,16 @@ from isosurface.clipping_tables import (
     TET_QUADS,
     TET_TRIANGLES,
 )
-from isosurface.crossing import crossing_parameter
+from isosurface.crossing import angle_fits, edge_crossings
+from isosurface.spreading import check_spread, spread_crossings
 from isosurface.structure import ISOSURFACE
 from isosurface.symmetry import snapped_to_symmetry
 from meshes import InvalidMesh, TriMesh
 from meshes.curves import label_boundaries
+from meshes.self_intersection import self_intersecting_faces
 
 
-def extract_surface(field, level=0.5, crossing="linear", clearance=0.01):
+def extract_surface(field, level=0.5, crossing="quadratic", clearance=0.01, spread=0.0):
     """Return the surface of the modelled part {phi >= level}, with caps, oriented outward.
 
     Parameters
@@ -29,10 +31,13 @@ def extract_surface(field, level=0.5, crossing="linear", clearance=0.01):
     field : PhaseField
     level : float
         A node exactly at the level is inside.
-    crossing : "linear" or "sine"
-        How the field runs along an edge, see `crossing_parameter`.
+    crossing : "linear", "sine" or "quadratic"
+        How the field runs along an edge, see `edge_crossings`.
     clearance : float
         Share of an edge that a crossing stays away from its ends.
+    spread : float
+        Share of an edge by which crossings slide within the surface, away from its ends (see
+        `spreading`); 0 leaves them on their edges.
 
     Returns
     -------
@@ -50,6 +55,7 @@ def extract_surface(field, level=0.5, crossing="linear", clearance=0.01):
     -----
     Thesis section 2.2.6, which has no caps.
     """
+    check_spread(spread)
     mesh = field.mesh
     inside = _inside_nodes(field, level)
     points, on_symmetry = snapped_to_symmetry(mesh)
@@ -57,18 +63,37 @@ def extract_surface(field, level=0.5, crossing="linear", clearance=0.01):
     kept = np.flatnonzero(~on_symmetry)
     facets = mesh.facets[kept]
     nodes, items = _facet_items(facets, inside, edges, len(points))
-    t = crossing_parameter(*field.values[edges].T, level, crossing, clearance)[:, None]
+    fits = angle_fits(field, edges, level) if spread > 0.0 else None
+    t = edge_crossings(field, edges, level, crossing, clearance, fits)
     # An edge within a plane x = c stays in it exactly: c + t * 0.
-    crossings = points[edges[:, 0]] + t * (points[edges[:, 1]] - points[edges[:, 0]])
-    vertices = np.concatenate([crossings, points[nodes]])
+    crossings = points[edges[:, 0]] + t[:, None] * (points[edges[:, 1]] - points[edges[:, 0]])
     tet_pattern = inside[mesh.tets[cut_tets]] @ [1, 2, 4, 8]
     facet_pattern = inside[facets] @ [1, 2, 4]
-    surface, _ = _polygons(vertices, tet_vertices, tet_pattern, TET_TRIANGLES, TET_QUADS)
-    caps, row = _polygons(vertices, items, facet_pattern, FACET_TRIANGLES, FACET_QUADS)
-    labels = np.concatenate([np.zeros(len(surface), int), 1 + mesh.facet_patch[kept][row]])
-    return labelled_surface(
-        vertices, np.concatenate([surface, caps]), labels, (ISOSURFACE, *mesh.patches)
-    )
+
+    def build(vertices):
+        surface, _ = _polygons(vertices, tet_vertices, tet_pattern, TET_TRIANGLES, TET_QUADS)
+        caps, row = _polygons(vertices, items, facet_pattern, FACET_TRIANGLES, FACET_QUADS)
+        labels = np.concatenate([np.zeros(len(surface), int), 1 + mesh.facet_patch[kept][row]])
+        return np.concatenate([surface, caps]), labels
+
+    vertices = np.concatenate([crossings, points[nodes]])
+    if spread > 0.0:
+        moved = spread_crossings(field, edges, t, spread, fits)
+        vertices = _without_meeting_faces(vertices, moved, build)
+    return labelled_surface(vertices, *build(vertices), (ISOSURFACE, *mesh.patches))
+
+
+def _without_meeting_faces(vertices, moved, build):
+    """Vertices (n, 3), the first of them moved, but not those whose faces would meet others."""
+    result = np.array(vertices)
+    result[: len(moved)] = moved
+    while True:
+        faces, _ = build(result)
+        bad = np.unique(faces[self_intersecting_faces(result, faces)])
+        bad = bad[(result[bad] != vertices[bad]).any(axis=1)]
+        if not len(bad):
+            return result
+        result[bad] = vertices[bad]
 
 
 def labelled_surface(points, faces, face_labels, labels):

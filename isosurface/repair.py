@@ -9,17 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from isosurface.half_edge_kernels import CORNER, CURVE, FROZEN, INTERIOR, HalfEdges
 from isosurface.normals import averaged_normals, worst_angle
-from isosurface.sliver_kernels import (
-    CORNER,
-    CURVE,
-    FROZEN,
-    INTERIOR,
-    HalfEdges,
-    Limits,
-    collapse_sweep,
-    flip_sweep,
-)
+from isosurface.sliver_kernels import Limits, collapse_sweep, flip_sweep
 from isosurface.structure import surface_structure
 from meshes import InvalidMesh, TriMesh
 from meshes.curves import feature_mask, label_boundaries

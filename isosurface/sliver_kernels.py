@@ -1,165 +1,36 @@
-"""Kernels of the sliver repair: edge collapses and flips on flat half-edge arrays.
-
-Half-edge 3 f + k of face f runs from its corner k to its corner k + 1 (modulo 3); `twin` is the
-half-edge of the other face at the same edge, or -1 where the surface is open.
-"""
+"""Kernels of the sliver repair: edge collapses and flips on flat half-edge arrays."""
 
 from collections import namedtuple
 
 import numpy as np
 from numba import njit
 
-RING = 64  # vertices of more faces are left alone
+from isosurface.half_edge_kernels import (
+    CORNER,
+    CURVE,
+    FROZEN,
+    RING,
+    contains,
+    difference,
+    dot,
+    following,
+    gather_fan,
+    gather_neighbours,
+    inner,
+    measure_face,
+    origin,
+    preceding,
+    row,
+)
 
-INTERIOR, CURVE, CORNER, FROZEN = 0, 1, 2, 3
 ZERO = (0.0, 0.0, 0.0)
 
-# faces (m, 3), twin (3m,), out (n,): a half-edge that leaves each vertex; curve (3m,) bool: on a
-# kept curve; alive (m,) bool; points (n, 3); kind (n,): INTERIOR, CURVE, CORNER (does not move) or
-# FROZEN (nor do its faces); planes (n,): bit set of the planes a vertex lies on; symmetry: bits of
-# the symmetry planes; face_plane (m,): number of a face's plane or -1; plane_normals (q, 3);
-# normals (n, 3): of the smooth faces around, averaged; size (n,): edge length aimed at; changed
-# (n,): the last sweep that changed a face of it; merged (n,): the vertex it was merged into.
-HalfEdges = namedtuple(
-    "HalfEdges",
-    "faces twin out curve alive points kind planes symmetry face_plane plane_normals normals size "
-    "changed merged",
-)
 Limits = namedtuple("Limits", "short_edge good_shape bad_shape ear_shape least_cosine")
 
-# Called from kernels only: no wrappers for Python, which take half of the time to compile.
-_inner = njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)
 _kernel = njit(cache=True, error_model="numpy")
 
 
-@_inner
-def following(h):
-    """The next half-edge of the same face."""
-    return h - 2 if h % 3 == 2 else h + 1
-
-
-@_inner
-def preceding(h):
-    """The previous half-edge of the same face."""
-    return h + 2 if h % 3 == 0 else h - 1
-
-
-@_inner
-def origin(mesh, h):
-    """The vertex that a half-edge leaves."""
-    return mesh.faces[h // 3, h % 3]
-
-
-@_inner
-def gather_fan(mesh, vertex, ring):
-    """Put all half-edges that leave a vertex into ring (RING or more,); their number, or -1."""
-    start = mesh.out[vertex]
-    h, count = start, 0
-    while True:
-        if count == RING:
-            return -1
-        ring[count] = h
-        count += 1
-        h = mesh.twin[preceding(h)]
-        if h == start:
-            return count
-        if h == -1:
-            break
-    h = mesh.twin[start]
-    while h != -1:
-        if count == RING:
-            return -1
-        h = following(h)
-        ring[count] = h
-        count += 1
-        h = mesh.twin[h]
-    return count
-
-
-@_inner
-def gather_neighbours(mesh, ring, count, found):
-    """Put the neighbours of the vertex that ring[:count] leaves into found (RING + 1,)."""
-    total = 0
-    for i in range(count):
-        found[total] = origin(mesh, following(ring[i]))
-        total += 1
-        if mesh.twin[preceding(ring[i])] == -1:
-            found[total] = origin(mesh, preceding(ring[i]))
-            total += 1
-    return total
-
-
-@_inner
-def contains(values, count, value):
-    """Whether values[:count] has the value."""
-    for i in range(count):  # noqa: SIM110
-        if values[i] == value:
-            return True
-    return False
-
-
-@_inner
-def measure_face(mesh, face, first, moved, position, normal):
-    """Shape of a face (1 equilateral, 0 flat), cosine to its reference normal, shortest edge.
-
-    Vertices `first` and `moved` (-1 for none) are taken at `position` with normal `normal`. The
-    edge is a share of the edge length aimed at.
-    """
-    corner = mesh.faces[face]
-    a = corner_at(mesh.points, corner[0], first, moved, position)
-    b = corner_at(mesh.points, corner[1], first, moved, position)
-    c = corner_at(mesh.points, corner[2], first, moved, position)
-    if mesh.face_plane[face] >= 0:
-        reference = row(mesh.plane_normals, mesh.face_plane[face])
-    else:
-        reference = (0.0, 0.0, 0.0)
-        for k in range(3):
-            part = corner_at(mesh.normals, corner[k], first, moved, normal)
-            reference = (reference[0] + part[0], reference[1] + part[1], reference[2] + part[2])
-    ab, bc, ca = difference(b, a), difference(c, b), difference(a, c)
-    squares = (dot(ab, ab), dot(bc, bc), dot(ca, ca))
-    area = (
-        ca[1] * ab[2] - ca[2] * ab[1],
-        ca[2] * ab[0] - ca[0] * ab[2],
-        ca[0] * ab[1] - ca[1] * ab[0],
-    )
-    twice = np.sqrt(dot(area, area))
-    length = np.sqrt(dot(reference, reference))
-    size = (mesh.size[corner[0]] + mesh.size[corner[1]] + mesh.size[corner[2]]) / 3.0
-    shortest = np.sqrt(min(squares[0], squares[1], squares[2])) / size
-    if twice == 0.0 or length == 0.0:
-        return 0.0, -1.0, shortest
-    shape = 2.0 * np.sqrt(3.0) * twice / (squares[0] + squares[1] + squares[2])
-    return shape, dot(area, reference) / (twice * length), shortest
-
-
-@_inner
-def corner_at(rows, vertex, first, moved, position):
-    """Row of a vertex; `position` for the vertices `first` and `moved`."""
-    if vertex == first or vertex == moved:  # noqa: SIM109
-        return position
-    return row(rows, vertex)
-
-
-@_inner
-def row(rows, index):
-    """A row of three as a tuple."""
-    return (rows[index, 0], rows[index, 1], rows[index, 2])
-
-
-@_inner
-def difference(a, b):
-    """a - b."""
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
-
-
-@_inner
-def dot(a, b):
-    """Scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@_inner
+@inner
 def may_merge(mesh, h, u, v, ring_u, count_u, ring_v, count_v):
     """Whether merging u into v along half-edge h keeps topology, curves, planes and labels."""
     if (
@@ -193,7 +64,7 @@ def may_merge(mesh, h, u, v, ring_u, count_u, ring_v, count_v):
     return True
 
 
-@_inner
+@inner
 def makes_chord(mesh, u, v, ring, count, near_v, total_v):
     """Whether merging u, whose fan is ring[:count], into v makes an edge in a plane it must avoid.
 
@@ -217,7 +88,7 @@ def makes_chord(mesh, u, v, ring, count, near_v, total_v):
     return False
 
 
-@_inner
+@inner
 def flat_in_plane(mesh, face, a, b, c):
     """Whether vertices a, b, c all lie on a plane that is not the plane of the face."""
     shared = mesh.planes[a] & mesh.planes[b] & mesh.planes[c]
@@ -226,7 +97,7 @@ def flat_in_plane(mesh, face, a, b, c):
     return shared != 0
 
 
-@_inner
+@inner
 def worst_shape(mesh, ring, count):
     """Worst shape of the faces of ring[:count] as they are."""
     worst = 1.0
@@ -236,7 +107,7 @@ def worst_shape(mesh, ring, count):
     return worst
 
 
-@_inner
+@inner
 def worst_shape_merged(mesh, h, u, v, ring, count, position, normal, limits):
     """Worst shape of the faces of ring[:count] that merging u and v at `position` leaves.
 
@@ -258,7 +129,7 @@ def worst_shape_merged(mesh, h, u, v, ring, count, position, normal, limits):
     return worst
 
 
-@_inner
+@inner
 def try_collapse(mesh, h, u, v, limits, ring, other, sweep):
     """Merge u into v, the ends of half-edge h, if all guards allow it; whether it did.
 
@@ -293,13 +164,13 @@ def try_collapse(mesh, h, u, v, limits, ring, other, sweep):
     return True
 
 
-@_inner
+@inner
 def blend(a, b):
     """The middle of a and b."""
     return (0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]))
 
 
-@_inner
+@inner
 def collapse(mesh, h, kept, ring, count):
     """Merge the other end of h, whose fan is ring[:count], into the end `kept`."""
     other = mesh.twin[h]
@@ -310,7 +181,7 @@ def collapse(mesh, h, kept, ring, count):
         close_gap(mesh, other)
 
 
-@_inner
+@inner
 def close_gap(mesh, h):
     """Take out the face of half-edge h, both of whose ends are one vertex now."""
     vertex = origin(mesh, following(h))
@@ -327,7 +198,7 @@ def close_gap(mesh, h):
     mesh.alive[h // 3] = False
 
 
-@_inner
+@inner
 def is_ear(mesh, h, t):
     """Whether h is the only edge by which its face hangs on, and to a face inside its label.
 
@@ -337,13 +208,13 @@ def is_ear(mesh, h, t):
     return ear and not mesh.curve[following(t)] and not mesh.curve[preceding(t)]
 
 
-@_inner
+@inner
 def makes_ear(mesh, h, t):
     """Whether flipping the edge of half-edges h and t makes an ear of the faces at h's end."""
     return mesh.curve[following(h)] and mesh.curve[preceding(t)]
 
 
-@_inner
+@inner
 def try_flip(mesh, h, limits, ring, sweep):
     """Flip the edge of half-edge h if that mends a bad triangle and all guards allow it."""
     t = mesh.twin[h]
@@ -385,7 +256,7 @@ def try_flip(mesh, h, limits, ring, sweep):
     return False
 
 
-@_inner
+@inner
 def flip(mesh, h):
     """Replace the edge a -> b of half-edge h by the one between the opposite vertices c and d.
 
@@ -413,7 +284,7 @@ def flip(mesh, h):
     mesh.out[a], mesh.out[b], mesh.out[c], mesh.out[d] = g, f + 1, f + 2, f
 
 
-@_inner
+@inner
 def edge_share(mesh, h):
     """Length of a half-edge over the edge length aimed at there."""
     u, v = origin(mesh, h), origin(mesh, following(h))
@@ -422,14 +293,14 @@ def edge_share(mesh, h):
     return 2.0 * np.sqrt(squared) / (mesh.size[u] + mesh.size[v])
 
 
-@_inner
+@inner
 def stale(mesh, face, since):
     """Whether no face at any corner of a face has changed since a sweep."""
     corner = mesh.faces[face]
     return max(mesh.changed[corner[0]], mesh.changed[corner[1]], mesh.changed[corner[2]]) < since
 
 
-@_inner
+@inner
 def sum_of_curves(mesh, face):
     """Number of a face's edges that lie on curves."""
     return mesh.curve[3 * face] + mesh.curve[3 * face + 1] + mesh.curve[3 * face + 2]

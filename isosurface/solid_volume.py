@@ -5,6 +5,8 @@ import numpy as np
 from meshes import InvalidCase
 from meshes.tet_mesh import tet_volumes
 
+SECANTS = 6  # steps at most
+
 
 def solid_volumes(field, level=0.5):
     """Volume (m,) [m^3] of the part of every tetrahedron where the P1 field reaches the level.
@@ -79,3 +81,47 @@ def volume_level(field, volume, tolerance=1e-10):
     raise InvalidCase(
         f"no level gives a solid of {volume:g} m^3: nearest is {found:g} m^3 at {level:g}"
     )
+
+
+def surface_level(field, volume, enclosed, tolerance=1e-6):
+    """Return the level whose extracted surface encloses the volume asked for, by secants.
+
+    Parameters
+    ----------
+    field : PhaseField
+    volume : float [m^3]
+        Of the modelled part.
+    enclosed : callable
+        level -> volume [m^3] that the surface at this level encloses.
+    tolerance : float
+        Relative to `volume`.
+
+    Returns
+    -------
+    level : float
+        The best found in a few steps from `volume_level`, which takes the field as linear.
+
+    Raises
+    ------
+    InvalidCase
+        As `volume_level`.
+    """
+    level = volume_level(field, volume)
+    first, miss = level, enclosed(level) / volume - 1.0
+    tried = [(abs(miss), level)]
+    if abs(miss) <= tolerance:
+        return level
+    second = np.clip(level + 0.05 * np.sign(miss), 0.02, 0.98)
+    for _ in range(SECANTS):
+        next_miss = enclosed(second) / volume - 1.0
+        tried.append((abs(next_miss), second))
+        if abs(next_miss) <= tolerance or next_miss == miss:
+            break
+        first, miss, second = (
+            second,
+            next_miss,
+            second - next_miss * (second - first) / (next_miss - miss),
+        )
+        if not 0.0 < second < 1.0:
+            break
+    return float(min(tried)[1])

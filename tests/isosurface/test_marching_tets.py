@@ -35,7 +35,7 @@ def valid(surface, **kwargs):
 @pytest.mark.parametrize("pattern", range(1, 16))
 def test_every_sign_pattern_gives_the_closed_convex_part(pattern, order):
     values = np.where([(pattern >> k) & 1 for k in range(4)], [0.9, 0.6, 0.8, 0.7], [0.1, 0.4] * 2)
-    surface = extract_surface(PhaseField(single_tet(order), values))
+    surface = extract_surface(PhaseField(single_tet(order), values), crossing="linear")
     hull = ConvexHull(reference.solid_corners(TET, values, 0.5))
     assert valid(surface).genus == 0
     assert signed_volume(surface) == pytest.approx(hull.volume, rel=1e-12)
@@ -53,7 +53,7 @@ def test_tables_hold_one_polygon_per_pattern():
 
 def test_agrees_with_the_loop_over_tetrahedra():
     field = fields.random_field(np.random.default_rng(3), 2, on_level=0.1)
-    surface = extract_surface(field)
+    surface = extract_surface(field, crossing="linear")
     number = {tuple(p): k for k, p in enumerate(surface.points)}
     expected = []
     for polygon in reference.marching_polygons(field):
@@ -84,7 +84,7 @@ def test_random_fields_give_closed_manifold_surfaces(seed, cells, symmetry, on_l
     field = fields.random_field(np.random.default_rng(seed), cells, symmetry, on_level)
     if not (field.values >= 0.5).any():
         return
-    surface = extract_surface(field, clearance=1e-6)
+    surface = extract_surface(field, crossing="linear", clearance=1e-6)
     whole = mirror(surface, field.mesh.symmetry)
     valid(surface, closed=False)
     valid(whole)
@@ -109,7 +109,7 @@ def _fitted_order(sizes, errors):
     return np.polyfit(np.log(sizes), np.log(np.abs(errors)), 1)[0]
 
 
-@pytest.mark.parametrize("crossing", ["linear", "sine"])
+@pytest.mark.parametrize("crossing", ["linear", "sine", "quadratic"])
 def test_sphere_is_second_order_in_area_and_volume(crossing):
     radius, cells = 0.31, np.array([8, 12, 18, 24])
     area, volume, radial = [], [], []
@@ -124,7 +124,8 @@ def test_sphere_is_second_order_in_area_and_volume(crossing):
         radial.append(np.abs(distance).max())
     assert _fitted_order(1 / cells, area) == pytest.approx(2.0, abs=0.25)
     assert _fitted_order(1 / cells, volume) == pytest.approx(2.0, abs=0.25)
-    assert _fitted_order(1 / cells, radial) == pytest.approx(2.0, abs=0.4)
+    order = _fitted_order(1 / cells, radial)
+    assert order > 2.5 if crossing == "quadratic" else order == pytest.approx(2.0, abs=0.4)
 
 
 def test_torus_is_second_order_and_keeps_its_hole():

@@ -27,7 +27,7 @@ def test_clipped_tetrahedra_are_convex_hulls(seed):
 
 def test_it_is_the_volume_of_the_extracted_surface():
     field = fields.sphere_field(fields.box(7), (0.3, 0.5, 0.6), 0.55)
-    surface = extract_surface(field, clearance=1e-9)
+    surface = extract_surface(field, crossing="linear", clearance=1e-9)
     assert signed_volume(surface) == pytest.approx(solid_volume(field), rel=1e-8)
 
 

@@ -1,0 +1,107 @@
+"""Quadratic crossings, spread crossings, diffusion, and the level that meets a volume."""
+
+import numpy as np
+import pytest
+
+from isosurface import diffused, extract_surface, mirror, modelled_volume, surface_level
+from isosurface.crossing import profile_angle
+from isosurface.local_quadratics import local_quadratics
+from meshes import InvalidCase, PhaseField
+from meshes.quality import triangle_angles
+from meshes.self_intersection import self_intersecting_faces
+from meshes.topology import require_valid
+from tests.isosurface import fields
+
+CENTRE = (0.5, 0.48, 0.53)
+
+
+def ball(cells=12, width=0.35):
+    return fields.sphere_field(fields.box(cells), CENTRE, 0.31, width)
+
+
+def distances(surface):
+    return np.abs(np.linalg.norm(surface.points - CENTRE, axis=1) - 0.31)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+def test_local_quadratics_reproduce_quadratics(scale):
+    rng = np.random.default_rng(0)
+    points, at = scale * rng.random((300, 3)), scale * (0.3 + 0.4 * rng.random((7, 3)))
+    half = rng.standard_normal((3, 3)) / scale**2
+    slope = rng.standard_normal(3) / scale
+    values = points @ slope + np.einsum("ni,ij,nj->n", points, half, points)
+    gradients, hessians, _ = local_quadratics(points, values, at, 40)
+    np.testing.assert_allclose(
+        hessians * scale**2, scale**2 * np.array([half + half.T] * 7), atol=0.2
+    )
+    expected = slope + at @ (half + half.T)
+    np.testing.assert_allclose(gradients * scale, expected * scale, atol=0.03)
+
+
+def test_quadratic_crossings_are_several_times_as_close():
+    error = {
+        crossing: np.sqrt(np.mean(distances(extract_surface(ball(), crossing=crossing)) ** 2))
+        for crossing in ("linear", "sine", "quadratic")
+    }
+    assert error["quadratic"] < 0.25 * error["sine"] <= 0.25 * error["linear"]
+
+
+def test_a_node_at_the_level_and_a_sharp_interface_give_proper_surfaces():
+    mesh = fields.box(6)
+    for values in (
+        np.where(mesh.points[:, 0] <= 0.5, 0.5, 0.2),
+        (np.linalg.norm(mesh.points - CENTRE, axis=1) < 0.3).astype(float),
+    ):
+        surface = extract_surface(PhaseField(mesh, values), crossing="quadratic")
+        require_valid(surface)
+        assert not self_intersecting_faces(surface.points, surface.faces).any()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_spread_keeps_topology_and_faces_apart(seed):
+    field = fields.random_field(np.random.default_rng(seed), 2, "xy")
+    plain, spread = extract_surface(field), extract_surface(field, spread=0.3)
+    assert len(plain.points) == len(spread.points)
+    whole = mirror(spread, field.mesh.symmetry)
+    require_valid(whole)
+    assert not self_intersecting_faces(whole.points, whole.faces).any()
+
+
+def test_spread_takes_slivers_out_and_stays_on_the_surface():
+    plain, spread = extract_surface(ball()), extract_surface(ball(), spread=0.3)
+
+    def slivers(mesh):
+        return np.mean(np.degrees(triangle_angles(mesh.points, mesh.faces)).min(axis=1) < 20.0)
+
+    assert slivers(spread) < 0.4 * slivers(plain)
+    rms = [np.sqrt(np.mean(distances(mesh) ** 2)) for mesh in (plain, spread)]
+    assert rms[1] < 1.5 * rms[0]
+    with pytest.raises(InvalidCase, match="spread must lie in"):
+        extract_surface(ball(4), spread=0.5)
+
+
+def test_surface_level_meets_the_volume():
+    field, volume = ball(), 0.13
+    symmetry = field.mesh.symmetry
+    level = surface_level(
+        field, volume, lambda at: modelled_volume(extract_surface(field, at), symmetry)
+    )
+    assert modelled_volume(extract_surface(field, level)) == pytest.approx(volume, rel=2e-6)
+
+
+def test_diffusion_damps_a_wave_by_its_factor_and_keeps_the_mean():
+    mesh, length = fields.box((40, 2, 2)), 0.05
+    wave = np.cos(2.0 * np.pi * mesh.points[:, 0])
+    after = diffused(PhaseField(mesh, 0.5 + 0.4 * wave), length)
+    factor = 1.0 / (1.0 + (2.0 * np.pi * length) ** 2)
+    np.testing.assert_allclose(after.values, 0.5 + 0.4 * factor * wave, atol=1e-3)
+    flat = diffused(PhaseField(mesh, np.full(len(wave), 0.3)), length)
+    np.testing.assert_allclose(flat.values, 0.3, atol=1e-9)
+    with pytest.raises(InvalidCase, match="diffusion length"):
+        diffused(flat, -1.0)
+
+
+def test_profile_angle_is_the_argument_of_the_sine():
+    angle = np.linspace(-1.5, 1.5, 7)
+    np.testing.assert_allclose(profile_angle(0.5 * (1 + np.sin(angle))), angle, atol=1e-12)
+    np.testing.assert_allclose(profile_angle([-0.1, 1.1]), [-np.pi / 2, np.pi / 2])
