@@ -19,6 +19,7 @@ LAST_AGREEMENT = 0.2
 FARTHEST = 0.03  # of the target length: of a crease's nodes from its edges
 REACH_ANGLE = 30.0  # [degrees] that reaching for far points may leave in 3D
 CURVE_ANGLE = 22.0  # [degrees] that fitting curves may leave in 3D
+STRETCHED = 3.0  # triangles that sigma stretches more cannot keep their 3D angles
 FIRST_STEP, WORST_STEP = 0.08, 0.15  # of the mean edge at a vertex
 
 
@@ -230,7 +231,10 @@ def choose_recipe(settings, mesh, jagged):
                 fits=(0.02,), ridge=0.17, first_search=(2, 3),
                 later_search=(4,), last_search=(4,), hold=0.5, last_fit=0.06,
             )  # fmt: skip
-        least3 = 24.0 if len(label_boundaries(mesh)) else 12.0
+        holds_shape = (
+            len(label_boundaries(mesh)) > 0 and longest_stretch(settings, mesh) < STRETCHED
+        )
+        least3 = 24.0 if holds_shape else 12.0
         return Recipe(
             settings.sigma, settings.sigma, AREA, agreement=0.1, least3=least3, weight3=1.0,
             fits=(0.02, 0.02, 0.02, 0.02), order=3,
@@ -241,6 +245,15 @@ def choose_recipe(settings, mesh, jagged):
         0.0229 * size, 0.0, short=0.72, long=1.38, agreement=0.1, fits=(0.1, 0.1), order=3,
         hold=0.1,
     )  # fmt: skip
+
+
+def longest_stretch(settings, mesh):
+    """About how often longer than wide triangles get: sigma times the sharpest bend they follow."""
+    length = settings.edge_length
+    if length is None:
+        area = face_areas(mesh.points, mesh.faces).sum()
+        length = np.sqrt(2.0 * area / (np.sqrt(3.0) * (settings.vertices or len(mesh.points))))
+    return settings.sigma / length
 
 
 def extent(mesh):

@@ -290,3 +290,12 @@ def test_bad_input_is_refused_in_a_sentence(words):
 def test_bad_settings_are_refused(options):
     with pytest.raises(InvalidCase):
         RemeshSettings(**options)
+
+
+def test_a_long_sigma_may_stretch_triangles_between_caps():
+    """Guards on plain angles that a long sigma cannot keep would fold the surface instead."""
+    mesh = cylinder()
+    settings = RemeshSettings(edge_length=0.2, sigma=1.2)
+    result = remesh(mesh, None, settings)
+    assert result.statistics.inverted_faces == 0
+    assert result.statistics.self_intersecting_faces == 0
