@@ -11,6 +11,7 @@ from meshes.topology import feature_corners, topology
 from rbf import fit_surface
 from remesh import RemeshSettings, TriangleSurface, remesh
 from remesh.embedding import corner_edge_lengths, face_corner_embedding, smallest_angles
+from remesh.recipe import choose_recipe
 from tests.remesh.shapes import cut_sphere, cylinder, hemisphere, jittered, revolved, rotation
 from tests.shapes import SphereSurface, TorusSurface, cube, icosphere, torus
 
@@ -292,10 +293,16 @@ def test_bad_settings_are_refused(options):
         RemeshSettings(**options)
 
 
-def test_a_long_sigma_may_stretch_triangles_between_caps():
-    """Guards on plain angles that a long sigma cannot keep would fold the surface instead."""
+@pytest.mark.parametrize("unit", [1e-3, 1.0])
+def test_a_long_sigma_may_stretch_triangles_between_creases(unit):
+    """Plain angles of 24 degrees that a long sigma cannot keep would fold the surface instead."""
     mesh = cylinder()
-    settings = RemeshSettings(edge_length=0.2, sigma=1.2)
-    result = remesh(mesh, None, settings)
-    assert result.statistics.inverted_faces == 0
-    assert result.statistics.self_intersecting_faces == 0
+    mesh = mesh.with_points(unit * mesh.points)
+    least = [
+        choose_recipe(RemeshSettings(**size, sigma=sigma * unit), mesh, jagged=False).least3
+        for size in ({"edge_length": 0.2 * unit}, {"vertices": 600})
+        for sigma in (0.2, 1.2)
+    ]
+    assert least == [24.0, 12.0, 24.0, 12.0]
+    smooth = icosphere(2)
+    assert choose_recipe(RemeshSettings(vertices=600, sigma=0.1), smooth, False).least3 == 12.0
