@@ -74,6 +74,13 @@ def _open_vertices(faces):
     return np.unique(table.edges[table.count == 1])
 
 
+def _by_vertices(faces):
+    """Faces (m, 3) with sorted corners, and group (m,): equal where all three vertices are."""
+    ordered = np.sort(faces, axis=1)
+    _, group = np.unique(ordered, axis=0, return_inverse=True)
+    return ordered, group.ravel()
+
+
 def _distinct(faces):
     """Every face once: a copy would hide that an edge is open."""
     return faces if count_repeated(faces) == 0 else np.unique(np.sort(faces, axis=1), axis=0)
@@ -106,9 +113,7 @@ def drop_repeated(soup):
     """
     if count_repeated(soup.faces) == 0:
         return soup, 0
-    ordered = np.sort(soup.faces, axis=1)
-    _, group = np.unique(ordered, axis=0, return_inverse=True)
-    group = group.ravel()
+    ordered, group = _by_vertices(soup.faces)
     size = np.bincount(group)
     sign = np.where((soup.faces == ordered).sum(axis=1) == 1, -1, 1)  # an odd permutation
     balance = np.bincount(group, sign)
@@ -132,9 +137,8 @@ def drop_pillows(soup):
     """
     if count_repeated(soup.faces) == 0:
         return soup, 0
-    ordered = np.sort(soup.faces, axis=1)
-    _, group, size = np.unique(ordered, axis=0, return_inverse=True, return_counts=True)
-    kept = size[group.ravel()] == 1
+    _, group = _by_vertices(soup.faces)
+    kept = np.bincount(group)[group] == 1
     return soup.keep(kept), int(np.count_nonzero(~kept))
 
 
