@@ -14,7 +14,7 @@ D the diagonal of the first sum, o the vertices' present offsets.
 import numpy as np
 
 from meshes.quality import signed_volume
-from remesh.compiled import kernel
+from remesh.compiled import allocating, kernel
 from remesh.connectivity import (
     BASE,
     HINT,
@@ -270,7 +270,7 @@ def precondition(rows, free, diagonal, total, tangential, sideways, residual, ou
     return product
 
 
-@kernel
+@allocating
 def solve_fit(
     rows, corners, samples, weights, normals, gap, free, tangential, ridge, sideways, steps, x
 ):
@@ -311,7 +311,7 @@ def solve_fit(
     return steps
 
 
-@kernel
+@allocating
 def apply_steps(halves, links, rows, used, free, step, sigma2, limits):
     """Move free vertices by their steps, halved until no triangle gets too bad; count the cuts."""
     fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
@@ -343,7 +343,7 @@ def apply_steps(halves, links, rows, used, free, step, sigma2, limits):
     return cuts
 
 
-@kernel
+@allocating
 def refresh_feet(links, rows, used, free, reference):
     """Keep the positions of free vertices; renew normal, hint and offset from the carrier."""
     point = np.empty(6)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from remesh.compiled import kernel
+from remesh.compiled import allocating, kernel
 from remesh.connectivity import (
     BASE,
     CREASE,
@@ -128,7 +128,7 @@ def enough_edges(halves, links, h, drop):
     return True
 
 
-@kernel
+@allocating
 def sweep_collapses(
     halves, links, rows, counts, sigma2, shortest2, longest2, limits, at_most, mark
 ):

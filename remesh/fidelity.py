@@ -6,7 +6,7 @@ import numpy as np
 
 from meshes.quality import normalised
 from remesh.adjust import free_rows, refresh_feet, take_steps
-from remesh.compiled import kernel
+from remesh.compiled import allocating
 from remesh.connectivity import HINT, ROWS
 from remesh.embedding import triangle_normal
 from remesh.nearest import near
@@ -136,7 +136,7 @@ class ImplicitFidelity:
         return normals
 
 
-@kernel
+@allocating
 def triangle_gaps(reference, rows, corners, hints, samples, own, clear_gap, normals, gap):
     """Unit direction and gap from samples of triangles to the reference triangles.
 

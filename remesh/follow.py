@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from remesh.compiled import kernel
+from remesh.compiled import allocating, kernel
 from remesh.connectivity import (
     BASE,
     CREASE,
@@ -132,7 +132,7 @@ def chord_gap(curves, curve, low, high, ends):
     return total, worst, at
 
 
-@kernel
+@allocating
 def sweep_far_splits(halves, links, rows, labels, counts, farthest2, least_agreement, curves):
     """One pass over the crease edges; returns the number of splits, and whether room ran out."""
     point, ends = np.empty(9), np.empty((2, 9))
@@ -183,7 +183,7 @@ def best_node(curves, curve, low, here, high, ends):
     return best
 
 
-@kernel
+@allocating
 def sweep_curve_fit(halves, links, rows, counts, limits, curves):
     """One pass over the vertices on curves; returns how many moved."""
     fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))

@@ -5,7 +5,7 @@ import numpy as np
 from meshes import TriMesh
 from meshes.quality import corner_angles
 from meshes.topology import corner_groups, edge_table
-from remesh.compiled import kernel
+from remesh.compiled import allocating, kernel
 from remesh.connectivity import (
     BASE,
     CORNER,
@@ -203,7 +203,7 @@ def settle_all(halves, links, counts):
             links[links[row, BASE], OUT] = h
 
 
-@kernel
+@allocating
 def compact_arrays(halves, links, rows, labels, counts):
     """Move live rows and triangles to the front, in order, and empty the free lists."""
     new_row = np.full(counts[ROWS], -1, np.int64)

@@ -22,7 +22,7 @@ import math
 
 import numpy as np
 
-from remesh.compiled import inlined, kernel
+from remesh.compiled import allocating, inlined, kernel
 
 MOST_CROSSINGS = 40
 INSIDE = 1.0 - 1e-12  # barycentric sum below which a point is not on the far edge
@@ -170,7 +170,7 @@ def place(reference, x, y, z, hint, offset, out):
     return t
 
 
-@kernel
+@allocating
 def count_cells(boxes, grid, starts):
     """First pass of the grid: starts[cell + 1] += 1 for each triangle's box."""
     ny, nz = int(grid[5]), int(grid[6])
@@ -185,7 +185,7 @@ def count_cells(boxes, grid, starts):
                     starts[(i * ny + j) * nz + k + 1] += 1
 
 
-@kernel
+@allocating
 def fill_cells(boxes, grid, position, triangles):
     """Second pass: list the triangles of each cell; `position` starts as the cells' starts."""
     ny, nz = int(grid[5]), int(grid[6])

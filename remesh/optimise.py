@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from remesh.compiled import kernel
+from remesh.compiled import allocating, kernel
 from remesh.connectivity import (
     BASE,
     CORNER,
@@ -177,7 +177,7 @@ def wake_neighbours(halves, links, fan, count, steps):
         steps[u] = max(steps[u], 2.0 * SHORTEST_STEP)
 
 
-@kernel
+@allocating
 def sweep_search(
     halves, links, rows, counts, settings, steps, only_below, sweeps, directions, hold,
     hold_weight, along_curves, reference, curves,

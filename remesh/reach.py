@@ -8,7 +8,7 @@ triangles, the nearest vertex is put there, if that leaves good triangles.
 import numpy as np
 
 from meshes.closest_point import ClosestPoint
-from remesh.compiled import kernel
+from remesh.compiled import allocating
 from remesh.connectivity import HINT, MAX_RING, OFFSET, ring
 from remesh.embedding import as_tangents
 from remesh.guard import gather_star, no_worse, star_quality
@@ -58,7 +58,7 @@ def reach_far_points(work, free, length, sigma, limits):
     return total
 
 
-@kernel
+@allocating
 def draw_vertices(halves, links, rows, vertices, targets, sigma2, limits, reference):
     """Put vertices at points of the carrier, or half way, as the limits allow; count the moves."""
     fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from remesh.compiled import kernel
+from remesh.compiled import allocating, kernel
 from remesh.connectivity import (
     BASE,
     CORNER,
@@ -142,7 +142,7 @@ def curve_step(halves, links, rows, vertex, fan, count, closed, sigma2, factor, 
     return 0.0
 
 
-@kernel
+@allocating
 def sweep_smoothing(
     halves, links, rows, counts, sigma2, limits, weights, factor, target, clip, chosen,
     reference, curves,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from remesh.compiled import kernel
+from remesh.compiled import allocating, kernel
 from remesh.connectivity import (
     BASE,
     CREASE,
@@ -147,7 +147,7 @@ def split_agreement(halves, rows, h, left, right):
     return least
 
 
-@kernel
+@allocating
 def sweep_splits(
     halves, links, rows, labels, counts, sigma2, longest2, least_agreement, at_most,
     reference, curves,
