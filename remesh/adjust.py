@@ -13,7 +13,6 @@ D the diagonal of the first sum, o the vertices' present offsets.
 
 import numpy as np
 
-from meshes.quality import signed_volume
 from remesh.compiled import allocating, kernel
 from remesh.connectivity import (
     BASE,
@@ -28,6 +27,7 @@ from remesh.connectivity import (
 from remesh.embedding import as_tangents
 from remesh.guard import gather_star, no_worse, star_quality
 from remesh.nearest import near, point_and_normal
+from remesh.shape_kernels import enclosed_volume
 
 DAMPING = 1e-3
 TOLERANCE = 1e-5
@@ -140,8 +140,8 @@ def match_volume(work, volume):
         number[bases] = np.arange(len(bases))
         points = mesh.points.copy()
         points[number[free]] += 1e-3 * mesh.diagonal * work.rows[free, 3:6]
-        now = signed_volume(mesh)
-        slope = (signed_volume(mesh.with_points(points)) - now) / (1e-3 * mesh.diagonal)
+        now = enclosed_volume(mesh.points, mesh.faces)
+        slope = (enclosed_volume(points, mesh.faces) - now) / (1e-3 * mesh.diagonal)
         if slope <= 0.0:
             break
         distance = (volume - now) / slope

@@ -4,7 +4,6 @@ import numpy as np
 
 from meshes import TriMesh
 from meshes.quality import corner_angles
-from meshes.topology import corner_groups, edge_table
 from remesh.compiled import allocating, kernel
 from remesh.connectivity import (
     BASE,
@@ -50,12 +49,12 @@ class WorkMesh:
         if fix_boundary:
             self.curves = with_fixed_boundary(self.curves)
         mesh = carrier.mesh
-        group, rows_of = _rows_by_corner(mesh, carrier.crease)
+        group, rows_of = carrier.layout.group, carrier.layout.rows_of
         count, vertices, triangles = len(rows_of), len(mesh.points), len(mesh.faces)
         self.counts = np.array([count, triangles, -1, -1, vertices], np.int64)
         self.halves = np.full((3 * triangles, 3), -1, np.int64)
         self.halves[:, ORIGIN] = group.ravel()
-        self.halves[:, TWIN] = carrier.twins
+        self.halves[:, TWIN] = carrier.layout.twins
         self.labels = mesh.face_labels.astype(np.int64)
         self.links = np.zeros((count, 8), np.int64)
         self.rows = np.zeros((count, 8))
@@ -103,6 +102,13 @@ class WorkMesh:
         live = np.flatnonzero(corners[:, 0] >= 0)
         return corners[live], live
 
+    def edge_rows(self):
+        """Rows at both ends of every edge (e,), (e,); of a feature edge on one of its sides."""
+        used = 3 * int(self.counts[TRIANGLES])
+        origin, twin = self.halves[:used, ORIGIN], self.halves[:used, TWIN]
+        halves = np.flatnonzero((origin >= 0) & (twin < np.arange(used)))
+        return origin[halves], origin[halves + np.where(halves % 3 == 2, -2, 1)]
+
     def to_mesh(self):
         """The mesh as TriMesh, and the rows of its points."""
         bases = self.base_rows()
@@ -137,17 +143,17 @@ class WorkMesh:
             self.links[curves.vertices[i], KIND] = CORNER
         self.links[curves.corners, KIND] = CORNER
         flat = mesh.faces.ravel()
-        for h in np.flatnonzero(self.carrier.crease):
+        for h in np.flatnonzero(self.carrier.layout.crease):
             a, b = flat[h], flat[h - 2 if h % 3 == 2 else h + 1]
             self.halves[h, CREASE] = codes[a, b]
 
     def _count_edges(self, mesh):
         """EDGES and IDEAL of every vertex."""
-        edges = edge_table(mesh.faces)
         count = len(mesh.points)
-        self.links[:count, EDGES] = np.bincount(edges.edges.ravel(), minlength=count)
+        on_boundary = mesh.faces.ravel()[self.carrier.layout.twins < 0]  # each vertex once
+        self.links[:count, EDGES] = np.bincount(mesh.faces.ravel(), minlength=count)
+        self.links[on_boundary, EDGES] += 1
         self.links[:count, IDEAL] = 6
-        on_boundary = np.unique(edges.edges[edges.count == 1])
         self.links[on_boundary, IDEAL] = 4
         corners = self.carrier.curves.corners
         if len(corners):
@@ -155,24 +161,6 @@ class WorkMesh:
             total = np.bincount(mesh.faces.ravel(), angle, minlength=count)
             ideal = np.rint(total / (np.pi / 3)) + np.isin(np.arange(count), on_boundary)
             self.links[corners, IDEAL] = np.maximum(ideal[corners], 3)
-
-
-def _rows_by_corner(mesh, crease):
-    """Row at every face corner (m, 3), and the vertex of each row; vertex v owns row v."""
-    table = edge_table(mesh.faces)
-    smooth = np.ones(len(table.edges), bool)
-    smooth[table.face_edges.ravel()[crease]] = False
-    group, count = corner_groups(mesh.faces, smooth, table)
-    vertex_of = np.empty(count, np.int64)
-    vertex_of[group.ravel()] = mesh.faces.ravel()
-    order = np.lexsort((np.arange(count), vertex_of))
-    first = np.r_[True, np.diff(vertex_of[order]) > 0]
-    row = np.empty(count, np.int64)
-    row[order[first]] = vertex_of[order[first]]
-    extra = order[~first]
-    row[extra] = len(mesh.points) + np.arange(len(extra))
-    rows_of = np.concatenate([np.arange(len(mesh.points)), vertex_of[extra]])
-    return row[group], rows_of
 
 
 def _link_rows(links, vertices):

@@ -20,13 +20,12 @@ grid : (7,) float64
 
 import math
 
-import numpy as np
-
-from remesh.compiled import allocating, inlined, kernel
+from remesh.compiled import inlined, kernel
 
 MOST_CROSSINGS = 40
 INSIDE = 1.0 - 1e-12  # barycentric sum below which a point is not on the far edge
 SAME_DISTANCE = 1.0 + 1e-9
+ROUNDING = 3e-7  # relative: float32 keeps boxes that are larger by this outside
 NEAR = 0.25  # of a cell: a walk that ends farther off is not trusted
 
 
@@ -170,35 +169,64 @@ def place(reference, x, y, z, hint, offset, out):
     return t
 
 
-@allocating
+@kernel
+def describe_triangles(points, faces, labels, twins, crease, corners, sides, boxes):
+    """Write what `reference` says of every triangle, and its bounding box (m, 6)."""
+    for t in range(faces.shape[0]):
+        a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
+        uu, uv, vv = 0.0, 0.0, 0.0
+        for k in range(3):
+            p, u, v = points[a, k], points[b, k] - points[a, k], points[c, k] - points[a, k]
+            corners[t, k], corners[t, 3 + k], corners[t, 6 + k] = p, u, v
+            uu, uv, vv = uu + u * u, uv + u * v, vv + v * v
+            boxes[t, k] = min(p, min(points[b, k], points[c, k]))
+            boxes[t, 3 + k] = max(p, max(points[b, k], points[c, k]))
+            h = 3 * t + k
+            sides[t, k] = -1 if crease[h] else twins[h] // 3
+        corners[t, 9], corners[t, 10], corners[t, 11] = uu, uv, vv
+        sides[t, 3] = labels[t]
+
+
+@kernel
+def cell_of(boxes, grid, t, first):
+    """The grid's cell with a corner of a box: the lower (first = 0) or the upper one (3)."""
+    return (
+        int((boxes[t, first] - grid[0]) / grid[3]),
+        int((boxes[t, first + 1] - grid[1]) / grid[3]),
+        int((boxes[t, first + 2] - grid[2]) / grid[3]),
+    )
+
+
+@kernel
 def count_cells(boxes, grid, starts):
     """First pass of the grid: starts[cell + 1] += 1 for each triangle's box."""
     ny, nz = int(grid[5]), int(grid[6])
-    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
     for t in range(boxes.shape[0]):
-        for k in range(3):
-            low[k] = int((boxes[t, k] - grid[k]) / grid[3])
-            high[k] = int((boxes[t, 3 + k] - grid[k]) / grid[3])
-        for i in range(low[0], high[0] + 1):
-            for j in range(low[1], high[1] + 1):
-                for k in range(low[2], high[2] + 1):
+        x0, y0, z0 = cell_of(boxes, grid, t, 0)
+        x1, y1, z1 = cell_of(boxes, grid, t, 3)
+        for i in range(x0, x1 + 1):
+            for j in range(y0, y1 + 1):
+                for k in range(z0, z1 + 1):
                     starts[(i * ny + j) * nz + k + 1] += 1
 
 
-@allocating
-def fill_cells(boxes, grid, position, triangles):
+@kernel
+def fill_cells(boxes, grid, position, triangles, cell_boxes):
     """Second pass: list the triangles of each cell; `position` starts as the cells' starts."""
     ny, nz = int(grid[5]), int(grid[6])
-    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
     for t in range(boxes.shape[0]):
-        for k in range(3):
-            low[k] = int((boxes[t, k] - grid[k]) / grid[3])
-            high[k] = int((boxes[t, 3 + k] - grid[k]) / grid[3])
-        for i in range(low[0], high[0] + 1):
-            for j in range(low[1], high[1] + 1):
-                for k in range(low[2], high[2] + 1):
+        x0, y0, z0 = cell_of(boxes, grid, t, 0)
+        x1, y1, z1 = cell_of(boxes, grid, t, 3)
+        for i in range(x0, x1 + 1):
+            for j in range(y0, y1 + 1):
+                for k in range(z0, z1 + 1):
                     cell = (i * ny + j) * nz + k
-                    triangles[position[cell]] = t
+                    at = position[cell]
+                    triangles[at] = t
+                    for z in range(3):
+                        low, high = boxes[t, z] - grid[z], boxes[t, 3 + z] - grid[z]
+                        cell_boxes[at, z] = low - ROUNDING * abs(low)
+                        cell_boxes[at, 3 + z] = high + ROUNDING * abs(high)
                     position[cell] += 1
 
 

@@ -1,17 +1,18 @@
 """From the input and its surfaces to the carrier that vertices move on."""
 
+from dataclasses import replace
+
 import numpy as np
-from scipy.sparse import coo_matrix
 
 from meshes import PlaneSurface
-from meshes.quality import corner_normals, normalised
-from meshes.topology import edge_table, feature_mask
-from remesh.carrier import make_carrier
+from meshes.quality import normalised
+from remesh.carrier import carrier_on, curves_of
 from remesh.collapse import collapse_short_edges
-from remesh.connectivity import HINT, INTERIOR, KIND, OFFSET, ORIGIN, ROWS
+from remesh.connectivity import HINT, INTERIOR, KIND, OFFSET, TWIN
 from remesh.flip import DELAUNAY, flip_edges
 from remesh.halfedge import WorkMesh
-from remesh.triangle_surface import averaged, sectors
+from remesh.layout import averaged, make_layout, row_normals
+from remesh.shape_kernels import umbrella_step
 
 TAUBIN_LAMBDA, TAUBIN_MU = 0.4, -0.42
 GUARD_AGREEMENT = 0.3
@@ -33,21 +34,20 @@ def surfaces_by_label(mesh, surfaces):
     )
 
 
-def implicit_carrier(mesh, surfaces, corner_angle):
+def implicit_carrier(layout, surfaces, corner_angle):
     """Carrier whose vertices lie on implicit surfaces, with their exact normals.
 
     Parameters
     ----------
-    mesh : TriMesh
+    layout : Layout
     surfaces : sequence of ImplicitSurface, one per label
     corner_angle : float [degrees]
     """
-    table = edge_table(mesh.faces)
-    mask = feature_mask(mesh, table)
+    mesh = layout.mesh
     held = np.zeros(len(mesh.points), bool)
-    held[table.edges[mask]] = True
+    held[mesh.feature_edges] = True
     points = mesh.points.copy()
-    normals = corner_normals(mesh)
+    normals = row_normals(layout)[layout.group]
     for label, patch in enumerate(mesh.labels):
         faces = mesh.faces[mesh.face_labels == label]
         if patch.plane is not None or len(faces) == 0:
@@ -63,7 +63,7 @@ def implicit_carrier(mesh, surfaces, corner_angle):
         usual = normals[mesh.face_labels == label]
         agree = np.einsum("mkd,mkd->mk", exact, usual) > 0.0
         normals[mesh.face_labels == label] = np.where(agree[..., None], exact, usual)
-    return make_carrier(mesh.with_points(points), normals, corner_angle)
+    return carrier_on(replace(layout, mesh=mesh.with_points(points)), normals, corner_angle)
 
 
 def smoothed_carrier(surface, pairs, fraction, blend, corner_angle):
@@ -87,15 +87,13 @@ def smoothed_carrier(surface, pairs, fraction, blend, corner_angle):
     hints : (m,) int array
         For each of its triangles one of the surface nearby.
     """
-    source = surface.carrier.mesh
-    group, count = sectors(source)
-    averages = averaged(surface.carrier.normals, group, count, NORMAL_ROUNDS)
-    guarded = make_carrier(source, averaged(averages, group, count, GUARD_ROUNDS), corner_angle)
-    work = WorkMesh(guarded)
-    of_row = np.empty((int(work.counts[ROWS]), 3))
-    of_row[work.halves[: source.faces.size, ORIGIN]] = averages.reshape(-1, 3)
-    work.rows[: len(of_row), OFFSET] = np.arange(len(of_row))  # which row it was, from here on
-    mean = input_edge_length(source)
+    layout = surface.carrier.layout
+    averages = averaged(layout.group, surface.row_normals, NORMAL_ROUNDS)
+    guard = averaged(layout.group, averages, GUARD_ROUNDS)[layout.group]
+    curves = curves_of(layout, guard, corner_angle)
+    work = WorkMesh(replace(surface.carrier, normals=guard, curves=curves))
+    work.rows[: len(averages), OFFSET] = np.arange(len(averages))  # which row it was, from here on
+    mean = float(layout.edge_lengths().mean())
     limits = (0.0, 0.0, GUARD_AGREEMENT)
     for _ in range(2):
         collapse_short_edges(work, fraction * mean, 3.0 * mean, 0.0, limits)
@@ -103,30 +101,21 @@ def smoothed_carrier(surface, pairs, fraction, blend, corner_angle):
         flip_edges(work, 0.0, limits, DELAUNAY, 4)
     mesh, bases = work.to_mesh()
     corners, _ = work.corner_rows()
-    face_hints = work.links[corners[:, 0], HINT]
-    free = work.links[bases, KIND] == INTERIOR
-    smooth = mesh.with_points(taubin(mesh, pairs, free))
-    averages = of_row[work.rows[corners, OFFSET].astype(int)]
-    normals = normalised((1.0 - blend) * corner_normals(smooth) + blend * averages)
-    carrier = make_carrier(smooth, normals, corner_angle)
-    return carrier, face_hints[carrier.order]
+    points = taubin(mesh, work.halves[: corners.size, TWIN], pairs, work.links[bases, KIND])
+    layout = make_layout(mesh.with_points(points))
+    order = layout.order
+    averages = averages[work.rows[corners, OFFSET].astype(int)][order]
+    normals = normalised((1.0 - blend) * row_normals(layout)[layout.group] + blend * averages)
+    hints = work.links[corners[:, 0], HINT]
+    return carrier_on(layout, normals, corner_angle), hints[order]
 
 
-def taubin(mesh, pairs, free):
-    """Points (n, 3) after pairs of umbrella steps (Taubin 1995) on the free vertices."""
-    edges = edge_table(mesh.faces).edges
-    ends = np.concatenate([edges, edges[:, ::-1]])
-    count = len(mesh.points)
-    degree = np.bincount(ends[:, 0], minlength=count)
-    mean = coo_matrix((1.0 / degree[ends[:, 0]], (ends[:, 0], ends[:, 1])), (count, count)).tocsr()
+def taubin(mesh, twins, pairs, kinds):
+    """Points (n, 3) after pairs of umbrella steps (Taubin 1995) on the vertices inside patches."""
     points = mesh.points.copy()
+    free = kinds == INTERIOR
+    total, degree = np.empty_like(points), np.empty(len(points))
     for _ in range(pairs):
         for factor in (TAUBIN_LAMBDA, TAUBIN_MU):
-            points[free] += factor * (mean @ points - points)[free]
+            umbrella_step(mesh.faces, twins, factor, free, points, total, degree)
     return points
-
-
-def input_edge_length(mesh):
-    """Mean edge length of a mesh."""
-    edges = edge_table(mesh.faces).edges
-    return float(np.linalg.norm(mesh.points[edges[:, 0]] - mesh.points[edges[:, 1]], axis=1).mean())

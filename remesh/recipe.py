@@ -11,6 +11,7 @@ from remesh.flip import DELAUNAY, VALENCE, flip_edges
 from remesh.follow import fit_curves, split_far_edges
 from remesh.optimise import optimise_vertices
 from remesh.reach import reach_far_points
+from remesh.shape_kernels import area_and_moments
 from remesh.smooth import AREA, UNIFORM, smooth_vertices
 from remesh.sweeps import FIRST_LENGTH, PliantLoop, length_for_count
 from remesh.tips import keep_tips
@@ -223,7 +224,6 @@ def choose_recipe(settings, mesh, jagged):
     jagged : bool
         Whether the carrier had to be smoothed.
     """
-    size = extent(mesh)
     if settings.sigma > 0.0:
         if jagged:
             return Recipe(
@@ -239,6 +239,7 @@ def choose_recipe(settings, mesh, jagged):
             settings.sigma, settings.sigma, AREA, agreement=0.1, least3=least3, weight3=1.0,
             fits=(0.02, 0.02, 0.02, 0.02), order=3,
         )  # fmt: skip
+    size = extent(mesh)
     if jagged:
         return Recipe(0.0101 * size, 0.0, fits=(0.1,), ridge=0.03, delaunay_rounds=0)
     return Recipe(
@@ -258,11 +259,10 @@ def longest_stretch(settings, mesh):
 
 def extent(mesh):
     """Twice the root mean square distance of a surface from its centroid: the same if rotated."""
-    areas = face_areas(mesh.points, mesh.faces)
-    centres = mesh.points[mesh.faces].mean(axis=1)
-    total = areas.sum()
-    middle = areas @ centres / total
-    return 2.0 * float(np.sqrt(areas @ ((centres - middle) ** 2).sum(axis=1) / total))
+    sums = np.empty(5)
+    area_and_moments(mesh.points, mesh.faces, sums)
+    centre = sums[1:4] / sums[0]
+    return 2.0 * float(np.sqrt(max(sums[4] / sums[0] - centre @ centre, 0.0)))
 
 
 def first_length(work, recipe, settings):

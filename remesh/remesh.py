@@ -4,17 +4,17 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from meshes import InvalidMesh, TriMesh
-from meshes.quality import signed_volume
-from meshes.topology import topology
+from meshes import TriMesh
 from remesh.adjust import match_volume
-from remesh.carrier import compacted, with_all_features
+from remesh.carrier import CORNER_ANGLE, curves_of
 from remesh.fidelity import ImplicitFidelity, TriangleFidelity
 from remesh.finish import finished_mesh, repair
 from remesh.halfedge import WorkMesh
+from remesh.layout import make_layout
 from remesh.prepare import implicit_carrier, smoothed_carrier, surfaces_by_label
 from remesh.recipe import choose_recipe, first_length, run_recipe
 from remesh.settings import RemeshSettings
+from remesh.shape_kernels import enclosed_volume
 from remesh.thesis import run_thesis
 from remesh.triangle_surface import TriangleSurface
 
@@ -96,31 +96,31 @@ def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
     settings = RemeshSettings() if settings is None else settings
     progress = (lambda stage, share: None) if progress is None else progress
     rng = np.random.default_rng(0) if rng is None else rng
-    check_input(mesh)
-    mesh = with_all_features(compacted(mesh))
+    layout = layout_of(mesh, surfaces)
+    mesh = layout.mesh
     if settings.vertices is None and settings.edge_length is None:
         settings = with_vertices(settings, len(mesh.points))
     by_label = None
     if surfaces is None:
-        surfaces = TriangleSurface(mesh)
+        surfaces = TriangleSurface(layout)
     if isinstance(surfaces, TriangleSurface):
         carrier, gaps = triangle_start(surfaces, settings)
     else:
         by_label = surfaces_by_label(mesh, surfaces)
-        carrier = implicit_carrier(mesh, by_label, settings.corner_angle)
+        carrier = implicit_carrier(layout, by_label, settings.corner_angle)
         gaps = ImplicitFidelity(by_label)
     progress("carrier", 1.0)
+    volume = enclosed_volume(mesh.points, mesh.faces) if layout.closed else None
     work = WorkMesh(carrier, settings.vertices or 0, settings.fix_boundary)
     if settings.algorithm == "thesis":
         length = run_thesis(work, gaps, settings, rng, progress)
     else:
         recipe = choose_recipe(settings, mesh, settings.smoothing > 0)
-        closed = topology(mesh.faces, len(mesh.points)).watertight
         length = run_recipe(
-            work, gaps, recipe, settings, signed_volume(mesh) if closed else None,
-            first_length(work, recipe, settings), settings.vertices, progress,
+            work, gaps, recipe, settings, volume, first_length(work, recipe, settings),
+            settings.vertices, progress,
         )  # fmt: skip
-    return conclude(mesh, work, gaps, settings, length, progress)
+    return conclude(mesh, work, gaps, settings, (length, volume), progress)
 
 
 def with_vertices(settings, vertices):
@@ -128,28 +128,22 @@ def with_vertices(settings, vertices):
     return replace(settings, vertices=vertices)
 
 
-def check_input(mesh):
-    """Raise InvalidMesh, with counts, if a mesh cannot be remeshed."""
-    if len(mesh.faces) == 0:
-        raise InvalidMesh("the surface has no faces: there is nothing to remesh")
-    bad = int((~np.isfinite(mesh.points[mesh.faces]).all(axis=(1, 2))).sum())
-    if bad:
-        raise InvalidMesh(f"{bad} faces have points that are not finite numbers: repair them first")
-    found = topology(mesh.faces, len(mesh.points))
-    if not found.manifold or not found.oriented:
-        raise InvalidMesh(
-            f"the surface is not an oriented manifold: {found.nonmanifold_edges} edges with more "
-            f"than two faces, {found.nonmanifold_vertices} pinched vertices, "
-            f"{found.collapsed_faces} faces that name a vertex twice"
-            f"{'' if found.oriented else ', faces oriented differently'}: repair it first"
-        )
+def layout_of(mesh, surfaces):
+    """The Layout of a mesh: its triangle surface's, if that is what was handed in."""
+    if isinstance(surfaces, TriangleSurface) and surfaces.source is mesh:
+        return surfaces.carrier.layout
+    return make_layout(mesh)
 
 
 def triangle_start(surface, settings):
     """Carrier and fidelity for the input's own triangles as the surface."""
     faces = len(surface.carrier.mesh.faces)
     if settings.smoothing == 0:
-        return surface.carrier, TriangleFidelity(surface.carrier, np.arange(faces))
+        carrier = surface.carrier
+        if settings.corner_angle != CORNER_ANGLE:
+            curves = curves_of(carrier.layout, carrier.normals, settings.corner_angle)
+            carrier = replace(carrier, curves=curves)
+        return carrier, TriangleFidelity(surface.carrier, np.arange(faces))
     embedded = settings.sigma > 0.0
     carrier, hints = smoothed_carrier(
         surface, settings.smoothing, SLIVER_FRACTION[embedded], NORMAL_BLEND[embedded],
@@ -158,18 +152,21 @@ def triangle_start(surface, settings):
     return carrier, TriangleFidelity(surface.carrier, hints)
 
 
-def conclude(mesh, work, gaps, settings, length, progress):
-    """The result and its statistics, checked against the exact normals."""
+def conclude(mesh, work, gaps, settings, found, progress):
+    """The result and its statistics, checked against the exact normals.
+
+    found : the 6D edge length, the input's volume (None if open)
+    """
+    length, volume = found
     work.compact()
     intersecting, inverted, rounds = repair(work, gaps)
-    closed = topology(mesh.faces, len(mesh.points)).watertight
+    closed = volume is not None
     if rounds > 0 and closed and settings.fit and settings.algorithm == "pliant":
-        match_volume(work, signed_volume(mesh))
+        match_volume(work, volume)
     result = finished_mesh(work, mesh)
     drift = None
-    if closed:
-        volume = signed_volume(mesh)
-        drift = signed_volume(result) / volume - 1.0 if volume != 0.0 else None
+    if closed and volume != 0.0:
+        drift = enclosed_volume(result.points, result.faces) / volume - 1.0
     statistics = RemeshStatistics(
         vertices_before=len(mesh.points),
         vertices=len(result.points),

@@ -3,8 +3,8 @@
 import numpy as np
 
 from remesh.collapse import collapse_short_edges
-from remesh.embedding import embedded_area, face_corner_embedding
 from remesh.flip import DELAUNAY, VALENCE, flip_edges
+from remesh.shape_kernels import area_of_rows
 from remesh.smooth import UNIFORM, smooth_vertices
 from remesh.split import split_long_edges
 
@@ -17,10 +17,8 @@ NO_LIMITS = (0.0, 0.0, 0.0)
 
 def length_for_count(work, sigma, vertices):
     """6D edge length of equilateral triangles of as many vertices on the work mesh's surface."""
-    corners, _ = work.corner_rows()
-    normals = work.rows[corners, 3:6]
-    corners6 = face_corner_embedding(work.rows[:, :3], corners, normals, sigma)
-    return float(np.sqrt(2.0 * embedded_area(corners6) / (np.sqrt(3.0) * vertices)))
+    area = area_of_rows(work.halves, work.rows, work.counts, sigma**2)
+    return float(np.sqrt(2.0 * area / (np.sqrt(3.0) * vertices)))
 
 
 class PliantLoop:
@@ -120,11 +118,9 @@ class PliantLoop:
             smooth_vertices(self.work, self.sigma, (20.0, 0.0, self.limits[2]), UNIFORM, 0.7)
 
     def edge_lengths(self, sigma=None):
-        """6D lengths of all edges (a feature edge once per side)."""
+        """6D lengths of all edges (those of a feature by one of its sides)."""
         sigma = self.sigma if sigma is None else sigma
-        corners, _ = self.work.corner_rows()
-        ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-        ends = np.unique(np.sort(ends, axis=1), axis=0)
-        step = self.work.rows[ends[:, 0], :6] - self.work.rows[ends[:, 1], :6]
+        first, last = self.work.edge_rows()
+        step = self.work.rows[first, :6] - self.work.rows[last, :6]
         step[:, 3:] *= sigma
-        return np.linalg.norm(step, axis=1)
+        return np.sqrt(np.einsum("ij,ij->i", step, step))

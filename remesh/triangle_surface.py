@@ -1,11 +1,12 @@
 """The input's own triangles as a reference surface: closest point, Phong normals."""
 
+from functools import cached_property
+
 import numpy as np
 from scipy.spatial import cKDTree
 
-from meshes.quality import corner_normals
-from meshes.topology import corner_groups, edge_table, feature_mask
-from remesh.carrier import make_carrier
+from remesh.carrier import carrier_on
+from remesh.layout import Layout, averaged, make_layout, row_normals
 
 
 class TriangleSurface:
@@ -16,24 +17,32 @@ class TriangleSurface:
 
     Parameters
     ----------
-    mesh : TriMesh
+    mesh : TriMesh or Layout
         Manifold and oriented outward.
     normal_smoothing : int
         How often the normals are averaged with their neighbours' (for jagged input).
     """
 
     def __init__(self, mesh, normal_smoothing=0):
-        self.carrier = make_carrier(mesh, smoothed_corner_normals(mesh, normal_smoothing))
+        self.source = mesh
+        layout = mesh if isinstance(mesh, Layout) else make_layout(mesh)
+        self.row_normals = averaged(layout.group, row_normals(layout), normal_smoothing)
+        self.carrier = carrier_on(layout, self.row_normals[layout.group])
+
+    @cached_property
+    def _tree(self):
+        """The points in a tree, and a face at each."""
         faces = self.carrier.mesh.faces
-        self._tree = cKDTree(self.carrier.mesh.points)
-        self._face_of = np.zeros(len(self.carrier.mesh.points), np.int64)
-        self._face_of[faces.ravel()] = np.repeat(np.arange(len(faces), dtype=np.int64), 3)
+        face_of = np.zeros(len(self.carrier.mesh.points), np.int64)
+        face_of[faces.ravel()] = np.repeat(np.arange(len(faces), dtype=np.int64), 3)
+        return cKDTree(self.carrier.mesh.points), face_of
 
     def _nearest(self, points):
         """Closest points (n, 3) and interpolated unit normals there (n, 3)."""
         points = np.ascontiguousarray(points, float)
-        _, vertex = self._tree.query(points)
-        faces, barycentric = self.carrier.locate(points, self._face_of[vertex])
+        tree, face_of = self._tree
+        _, vertex = tree.query(points)
+        faces, barycentric = self.carrier.locate(points, face_of[vertex])
         v, w = barycentric[:, 0], barycentric[:, 1]
         weights = np.stack([1.0 - v - w, v, w], axis=1)
         corners = self.carrier.mesh.points[self.carrier.mesh.faces[faces]]
@@ -59,33 +68,3 @@ class TriangleSurface:
     def project(self, points):
         """Nearest points (n, 3) and interpolated unit normals (n, 3)."""
         return self._nearest(points)
-
-
-def smoothed_corner_normals(mesh, rounds):
-    """Corner normals (m, 3, 3), averaged `rounds` times with the neighbours within each patch."""
-    normals = corner_normals(mesh)
-    if rounds == 0:
-        return normals
-    return averaged(normals, *sectors(mesh), rounds)
-
-
-def sectors(mesh):
-    """Number (m, 3) of the smooth sector at each face corner, and how many there are."""
-    table = edge_table(mesh.faces)
-    return corner_groups(mesh.faces, ~feature_mask(mesh, table), table)
-
-
-def averaged(normals, group, count, rounds):
-    """Corner normals (m, 3, 3) averaged over the triangles around each corner group."""
-    flat = group.ravel()
-    for _ in range(rounds):
-        per_face = normals.sum(axis=1)
-        total = np.stack(
-            [np.bincount(flat, np.repeat(per_face[:, k], 3), minlength=count) for k in range(3)], 1
-        )
-        total += np.stack(
-            [np.bincount(flat, normals[..., k].ravel(), minlength=count) for k in range(3)], 1
-        )
-        total /= np.linalg.norm(total, axis=1)[:, None]
-        normals = total[group]
-    return normals
