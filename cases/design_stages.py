@@ -7,23 +7,25 @@ Every stage has `run` (make the product and write its files; returns what to tel
 import hashlib
 import json
 import logging
+from dataclasses import replace
 
 import numpy as np
 
 from cases.history import HistoryFile
 from cases.json_file import write_json
+from cases.levels import adapt_mesh, load_meshes, make_meshes
 from cases.resolved import resolved_case
 from cases.run_folder import topopt_sections
 from cases.series import FieldSeries, snapshot_steps
 from cases.stage_files import load_design, save_design
-from meshes.io import load_tet_mesh, save_tet_mesh
 from topopt.boundary import boundary_conditions, check_rigid_motions, rigid_supports
 from topopt.certificate import certify
 from topopt.checkpoint import Checkpoints
-from topopt.domain import attach_sets, mesh_domain, mesh_hash
+from topopt.domain import mesh_hash
 from topopt.elasticity import ElasticModel, von_mises
 from topopt.geometry import tet_geometry
 from topopt.interpolation import stiffness_factor
+from topopt.levels import Levels, coarse_settings
 from topopt.optimize import OptimizationSettings, optimize, prepare
 from topopt.parameters import mean_edge_length, measured_interface, too_coarse
 
@@ -35,61 +37,57 @@ class MeshStage:
     """The design domain in tetrahedra, with its load and support sets."""
 
     def run(self, run):
-        section = run.case.mesh
-        mesh = mesh_domain(
-            run.problem,
-            edge_length=section.edge_length,
-            tets=section.tets,
-            kind=section.kind,
-            cache=None if section.cache else False,
-            log=LOG.info,
-            time_limit=section.time_limit,
-        )
-        run.mesh = attach_sets(mesh, run.problem)
-        save_tet_mesh(run.folder / "mesh.npz", run.mesh)
+        make_meshes(run)
         return self._tell(run)
 
     def load(self, run):
-        run.mesh = load_tet_mesh(run.folder / "mesh.npz")
+        load_meshes(run)
         self._tell(run)
 
     def _tell(self, run):
-        nodes, tets = len(run.mesh.points), len(run.mesh.tets)
-        run.figures["mesh"] = {
-            "hash": mesh_hash(run.mesh),
-            "nodes": nodes,
-            "tets": tets,
-            "kind": run.case.mesh.kind,
-        }
-        return f"{tets:,} tetrahedra, {nodes:,} nodes"
+        run.figures["mesh"] = _mesh_figures(run)
+        tets = [len(mesh.tets) for mesh in (*run.coarse_meshes, run.mesh)]
+        coarser = ", ".join(f"{count:,}" for count in tets[:-1])
+        if run.case.mesh.adapted:
+            return f"{coarser} tetrahedra, to be adapted"
+        after = f", after {coarser}" if coarser else ""
+        return f"{tets[-1]:,} tetrahedra, {len(run.mesh.points):,} nodes{after}"
+
+
+def _mesh_figures(run):
+    figures = {
+        "hash": mesh_hash(run.mesh),
+        "nodes": len(run.mesh.points),
+        "tets": len(run.mesh.tets),
+        "kind": run.case.mesh.kind,
+    }
+    if run.coarse_meshes:
+        figures["coarse_tets"] = [len(mesh.tets) for mesh in run.coarse_meshes]
+    return figures
 
 
 class TopoptStage:
     """The optimised phase field."""
 
     def run(self, run):
-        section = run.case.topopt
-        settings = OptimizationSettings(
-            steps=section.steps,
-            method=section.method,
-            step=section.step,
-            tau=None if section.tau == "auto" else section.tau,
-            tolerance=section.tolerance,
-            stagnation=section.stagnation,
-            solver=section.solver,
-            state_tolerance=section.state_tolerance,
-        )
-        conditions = boundary_conditions(run.mesh, run.problem, log=LOG.warning)
-        check_rigid_motions(run.mesh, run.problem, conditions.fixed, conditions.springs)
-        model = ElasticModel(run.mesh, run.problem, conditions, section.solver)
-        checkpoints = Checkpoints(run.folder, _identity(run))
-        start = checkpoints.read() if run.resume else None
+        settings = _settings(run.case.topopt)
+        start = Checkpoints(run.folder, _identity(run)).read() if run.resume else None
         earlier = start.history if start else ()
-        series = FieldSeries(run.folder / "fields", run.mesh, len(earlier) - 1)
         with HistoryFile(run.folder / "history.csv", earlier[1:]) as history:
-            watch = _Watch(run, series, history, checkpoints)
-            result = optimize(run.mesh, run.problem, settings, start, watch, model)
-        self._keep(run, result, model, conditions, series)
+            levels, interrupted = _levels(run), False
+            start = start or levels.first()
+            while start.level < levels.count and not interrupted:
+                result, _, _ = self._optimize(run, start, coarse_settings(settings), history)
+                interrupted = result.outcome == "interrupted"
+                start = self._next_start(run, levels, result)
+            if interrupted:
+                settings = replace(settings, steps=0)
+            result, model, series = self._optimize(
+                run, start, settings, None if interrupted else history
+            )
+        if interrupted:
+            result = replace(result, outcome="interrupted")
+        self._keep(run, result, model, series)
         self._certify(run, result, model, settings)
         if result.outcome == "interrupted":
             raise KeyboardInterrupt
@@ -99,9 +97,34 @@ class TopoptStage:
             f"KKT residual {row.kkt_residual:.2g}"
         )
 
-    def _keep(self, run, result, model, conditions, series):
+    def _optimize(self, run, start, settings, history):
+        """Run one level: its OptimizationResult, ElasticModel and FieldSeries.
+
+        Without a history (HistoryFile or None) no trace of it is kept.
+        """
+        mesh = _mesh_of(run, start.level)
+        conditions = boundary_conditions(mesh, run.problem, log=LOG.warning)
+        check_rigid_motions(mesh, run.problem, conditions.fixed, conditions.springs)
+        model = ElasticModel(mesh, run.problem, conditions, settings.solver)
+        last = start.history[-1].iteration if start.history else -1
+        series = FieldSeries(run.folder / "fields", mesh, last)
+        watch = _Watch(run, mesh, series, history) if history else None
+        return optimize(mesh, run.problem, settings, start, watch, model), model, series
+
+    def _next_start(self, run, levels, result):
+        """The start of the next level; after an interruption of the last, on what mesh there is."""
+        level, interrupted = result.loop.level + 1, result.outcome == "interrupted"
+        if interrupted:
+            level = levels.count
+        elif run.case.mesh.adapted and level == levels.count:
+            adapt_mesh(run, result.phase_field)
+            run.figures["mesh"] = _mesh_figures(run)
+            LOG.info("mesh: adapted, %s tetrahedra", f"{len(run.mesh.tets):,}")
+        return levels.next(result.phase_field.mesh, result.loop, _mesh_of(run, level), level)
+
+    def _keep(self, run, result, model, series):
         """Take over the result, and write it."""
-        phi, state = result.phase_field.values, result.state
+        phi, state, conditions = result.phase_field.values, result.state, model.conditions
         stress = np.stack([von_mises(model, state, phi, k) for k in range(len(conditions.cases))])
         run.design = result.phase_field
         run.fields = {
@@ -111,10 +134,12 @@ class TopoptStage:
         }
         run.figures["topopt"] = _design_figures(run, result, model, conditions, stress)
         save_design(run.folder / "phase_field.npz", run.design, run.fields, run.figures["topopt"])
-        series.write(result.history[-1].iteration, *_series_fields(run, phi, state, stress))
+        fields = _series_fields(run, run.mesh, phi, state, stress)
+        series.write(result.history[-1].iteration, *fields)
 
     def _certify(self, run, result, model, settings):
         """Write kkt.json, and warn where the derivatives disagree with differences of J."""
+        settings = replace(settings, check_resolution=False)  # it has been said
         flow = prepare(run.mesh, run.problem, settings, result.loop, model)
         proof = certify(flow, result.loop, np.random.default_rng(run.case.seed))
         write_json(run.folder / "kkt.json", {"outcome": result.outcome, **proof.as_dict()})
@@ -133,54 +158,79 @@ class TopoptStage:
             )
 
 
+def _settings(section):
+    """The case's `topopt` section as OptimizationSettings."""
+    return OptimizationSettings(
+        steps=section.steps,
+        method=section.method,
+        step=section.step,
+        tau=None if section.tau == "auto" else section.tau,
+        tolerance=section.tolerance,
+        stagnation=section.stagnation,
+        solver=section.solver,
+        state_tolerance=section.state_tolerance,
+    )
+
+
+def _levels(run):
+    return Levels(run.problem, _mesh_of(run, 1), run.case.mesh.levels)
+
+
+def _mesh_of(run, level):
+    return (*run.coarse_meshes, run.mesh)[level - 1]
+
+
 def _identity(run):
-    """What a checkpoint must agree in: the mesh, and whatever of the case shapes a step."""
+    """What a checkpoint must agree in: its level's mesh, and whatever of the case shapes a step."""
     sections = topopt_sections(resolved_case(run.loaded))
     text = json.dumps(sections, sort_keys=True)
-    return {"mesh": mesh_hash(run.mesh), "case": hashlib.sha256(text.encode()).hexdigest()}
+    meshes = tuple(mesh_hash(mesh) for mesh in (*run.coarse_meshes, run.mesh))
+    return {"mesh": meshes, "case": hashlib.sha256(text.encode()).hexdigest()}
 
 
 class _Watch:
     """The optimiser's callback: history, checkpoints, snapshots and progress."""
 
-    def __init__(self, run, series, history, checkpoints):
-        self._run, self._series, self._history = run, series, history
-        self._checkpoints = checkpoints
+    def __init__(self, run, mesh, series, history):
+        self._run, self._mesh, self._series, self._history = run, mesh, series, history
+        self._checkpoints = Checkpoints(run.folder, _identity(run))
         self._steps = run.case.topopt.steps
         self._snapshots = snapshot_steps(run.case.output.snapshots, self._steps)
 
     def __call__(self, row, loop):
+        level = f"level {row.level}, " if self._run.coarse_meshes else ""
         self._run.reporter.update(
-            f"J = {row.objective_J:.5g} J, KKT {row.kkt_residual:.2g}, tau {row.tau:.2g}",
-            row.iteration,
+            f"{level}J = {row.objective_J:.5g} J, KKT {row.kkt_residual:.2g}, tau {row.tau:.2g}",
+            len(loop.rows) - 1,
             self._steps,
         )
         if row.iteration > 0:
             self._history.append(row)
         LOG.info(
-            "step %d: J %.6g, F %.6g, tau %.3g, rejected %d, KKT %.3g, state iterations %d",
-            *(row.iteration, row.objective_J, row.compliance_J, row.tau),
+            "%sstep %d: J %.6g, F %.6g, tau %.3g, rejected %d, KKT %.3g, state iterations %d",
+            *(level, row.iteration, row.objective_J, row.compliance_J, row.tau),
             *(row.rejected, row.kkt_residual, row.state_iterations),
         )
         if row.iteration in self._snapshots:
-            self._series.write(row.iteration, *_series_fields(self._run, loop.phi, loop.state))
+            fields = _series_fields(self._run, self._mesh, loop.phi, loop.state)
+            self._series.write(row.iteration, *fields)
         self._checkpoints.write(loop)  # last: what it has seen is on disk
 
 
-def _elastic_energy(run, phi, state):
+def _elastic_energy(run, mesh, phi, state):
     """Elastic energy density C(phi) eps(u) : eps(u) (m,) [J/m^3] on each tet; weighted sum of the
     load cases."""
-    factor = stiffness_factor(phi, run.mesh.tets, run.problem.material.void_ratio)
+    factor = stiffness_factor(phi, mesh.tets, run.problem.material.void_ratio)
     return factor * state.energy_density
 
 
-def _series_fields(run, phi, state, stress=None):
+def _series_fields(run, mesh, phi, state, stress=None):
     """What ParaView is to see: point data and cell data by name; of several load cases each."""
     names = [case.name for case in run.problem.cases]
     tails = [f"_{name}" for name in names] if len(names) > 1 else [""]
     points = {"phi": phi}
     points |= {f"displacement_m{tail}": u for tail, u in zip(tails, state.displacements)}
-    cells = {"energy_density_J_per_m3": _elastic_energy(run, phi, state)}
+    cells = {"energy_density_J_per_m3": _elastic_energy(run, mesh, phi, state)}
     if stress is not None:
         cells |= {f"von_mises_Pa{tail}": values for tail, values in zip(tails, stress)}
     return points, cells
@@ -197,6 +247,7 @@ def _design_figures(run, result, model, conditions, stress):
     return {
         "outcome": result.outcome,
         "steps": row.iteration,
+        "coarse_steps": row.iteration - (len(result.loop.rows) - 1),
         "gamma": result.gamma,
         "eps_m": result.eps,
         "solver": result.state.solver,
@@ -216,7 +267,9 @@ def _design_figures(run, result, model, conditions, stress):
         "largest_von_mises_Pa": float(stress[:, solid].max(initial=0.0)),
         "interface_m": width,
         "elements_across_interface": elements,
-        "too_coarse": too_coarse(mean_edge_length(mesh), result.eps, len(mesh.tets)),
+        "too_coarse": None
+        if run.case.mesh.adapted
+        else too_coarse(mean_edge_length(mesh), result.eps, len(mesh.tets)),
     }
 
 

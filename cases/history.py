@@ -1,4 +1,4 @@
-"""history.csv: one row per accepted step, on disk as soon as the step is done."""
+"""history.csv: one row per accepted step, and one for the start of each level but the first."""
 
 from dataclasses import astuple
 from pathlib import Path

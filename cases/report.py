@@ -46,7 +46,7 @@ def _design_lines(run):
         ("mass", f"{1e3 * volume * run.problem.material.density:.4g} g"),
         ("volume fraction", f"{design['volume_fraction']:.9g}"),
         ("compliance", f"{design['compliance_J'] * copies:.4g} J{whole if copies > 1 else ''}"),
-        ("optimisation", f"{design['steps']} steps, ended by {_ENDINGS[design['outcome']]}"),
+        ("optimisation", f"{_steps(design)}, ended by {_ENDINGS[design['outcome']]}"),
         ("KKT residual", f"{design['kkt']['residual']:.3g}"),
         ("interface", _interface(design)),
         ("largest von Mises", f"{design['largest_von_mises_Pa'] / 1e6:.4g} MPa"),
@@ -56,6 +56,11 @@ def _design_lines(run):
     for case in design["load_cases"]:
         rows += _case_rows(run, case, several=len(design["load_cases"]) > 1)
     return [line for name, text in rows for line in _row(name, text)]
+
+
+def _steps(design):
+    coarse = design.get("coarse_steps", 0)
+    return f"{design['steps']} steps" + (f" ({coarse} of them on coarser meshes)" if coarse else "")
 
 
 def _case_rows(run, case, several):

@@ -11,7 +11,7 @@ OUTPUT = "output"  # quality, pictures and summary, after the last stage
 
 # What each stage writes; the first is what a later stage goes on from.
 _FILES = {
-    "mesh": ("mesh.npz",),
+    "mesh": ("mesh.npz", "mesh-level*.npz"),
     "topopt": (
         "phase_field.npz",
         "history.csv",

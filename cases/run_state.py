@@ -22,6 +22,9 @@ class Run:
     folder : Path
     reporter : Reporter
     mesh : TetMesh
+        Of the last level.
+    coarse_meshes : tuple of TetMesh
+        Of the levels before it.
     design : PhaseField
     fields : dict of str to array
         Displacement, energy density and stress of the final design.
@@ -40,6 +43,7 @@ class Run:
     folder: Path
     reporter: Reporter
     mesh: TetMesh | None = None
+    coarse_meshes: tuple[TetMesh, ...] = ()
     design: PhaseField | None = None
     fields: dict[str, np.ndarray] = field(default_factory=dict)
     modelled: TriMesh | None = None

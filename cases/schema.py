@@ -244,15 +244,37 @@ class MeshSection(Section):
     edge_length: fields.length(above=0.0, nullable=True) = Field(
         None, description="edge length aimed at [m]"
     )
+    levels: fields.whole(at_least=1, at_most=6) = Field(
+        1, description="nested meshes, coarse to fine; edges halve from one to the next"
+    )
+    adapted: bool = Field(
+        False,
+        description="refine the last level only where the design before it has its interface",
+    )
     cache: bool = Field(True, description="keep meshes on disk and use them again")
     time_limit: fields.number(above=0.0) = Field(
         1800.0, description="seconds after which meshing gives up"
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _two_levels_if_adapted(cls, value):
+        if isinstance(value, dict) and value.get("adapted") is True:
+            return {"levels": 2, **value}
+        return value
+
     @model_validator(mode="after")
     def _one_of_both(self):
         if (self.tets is None) == (self.edge_length is None):
             raise fields.refusal("must give either tets or edge_length")
+        return self
+
+    @model_validator(mode="after")
+    def _adapted_to_a_coarser_one(self):
+        if self.adapted and self.levels == 1:
+            raise fields.refusal("can take adapted: true with levels: 2 or more only")
+        if self.adapted and self.kind == "bcc":
+            raise fields.refusal("can take adapted: true with kind: pytetwild only")
         return self
 
 
@@ -265,7 +287,7 @@ class TopoptSection(Section):
         "auto", description="interface parameter [m]; the interface is 2.2 eps wide"
     )
     steps: fields.whole(at_least=0, at_most=10**6) = Field(
-        200, description="accepted steps at most"
+        200, description="accepted steps at most, on each level"
     )
     method: Literal["vmpt", "allen_cahn"] = Field(
         "vmpt",

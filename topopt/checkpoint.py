@@ -22,7 +22,7 @@ from meshes.io import write_atomically
 
 LOG = logging.getLogger("phasemesh")
 
-FORMAT = 1
+FORMAT = 2
 DAMAGE = (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile, zlib.error)
 
 
@@ -32,9 +32,10 @@ class Checkpoints:
     Parameters
     ----------
     folder : path-like
-    identity : mapping of str to str
+    identity : mapping of str to str, or to a tuple of them
         What a checkpoint must agree in to be gone on from, in words for the error's sentence:
-        {"mesh": ..., "case": ...}. The version of the package is added.
+        {"mesh": ..., "case": ...}. The version of the package is added. A tuple has one for each
+        level.
     """
 
     def __init__(self, folder, identity):
@@ -47,7 +48,8 @@ class Checkpoints:
         words = {
             "format": FORMAT,
             "step": loop.history[-1].iteration,
-            "identity": self._identity,
+            "level": loop.level,
+            "identity": self._identity_of(loop.level),
             "loop": _encode(loop, arrays),
         }
         data = io.BytesIO()
@@ -66,13 +68,22 @@ class Checkpoints:
         if not found:
             return None
         path, words, arrays = max(found, key=lambda entry: entry[1]["step"])
-        for name, value in self._identity.items():
+        for name, value in self._identity_of(words["level"]).items():
             if words["identity"].get(name) != value:
                 raise InvalidCase(
                     f"{path}: was made with another {name} and cannot be gone on from; "
                     "run without --resume"
                 )
         return _decode(words["loop"], arrays)
+
+    def _identity_of(self, level):
+        """What belongs to a level; None stands for what the run does not know there."""
+        return {
+            name: (value[level - 1] if level <= len(value) else None)
+            if isinstance(value, tuple)
+            else value
+            for name, value in self._identity.items()
+        }
 
 
 def package_version():
@@ -91,7 +102,8 @@ def _open(path):
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         words = json.loads(arrays.pop("words").tobytes())
-        if words["format"] != FORMAT or not isinstance(words["step"], int):
+        numbers = (words["step"], words["level"])
+        if words["format"] != FORMAT or not all(isinstance(n, int) for n in numbers):
             raise ValueError("unknown format")
     except DAMAGE as error:
         LOG.warning("%s: is damaged (%s) and is not used", path, error)

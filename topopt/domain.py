@@ -19,7 +19,7 @@ from topopt.boundary import attach_sets
 from topopt.geometry import morton_order
 from topopt.meshing_cache import cache_key, cached, default_cache, mesh_hash
 from topopt.meshing_count import Size, mesh_by_count
-from topopt.meshing_frame import frame_of, in_frame
+from topopt.meshing_frame import DIGITS, frame_of, in_frame
 from topopt.meshing_tetwild import (
     EPSILON,
     OutOfTime,
@@ -28,7 +28,7 @@ from topopt.meshing_tetwild import (
     pytetwild_version,
 )
 
-__all__ = ["attach_sets", "default_cache", "mesh_domain", "mesh_hash"]
+__all__ = ["attach_sets", "default_cache", "estimated_edge_length", "mesh_domain", "mesh_hash"]
 
 MESHING_VERSION = 1  # part of the cache's key: raise it when the meshing gives other meshes
 MOST_TETS = 50_000_000
@@ -43,6 +43,7 @@ def mesh_domain(
     cache=None,
     log=None,
     time_limit=None,
+    sizing=None,
 ):
     """Mesh the domain of a problem.
 
@@ -61,6 +62,9 @@ def mesh_domain(
         Told what happens.
     time_limit : float, optional [s]
         That pytetwild may take in all.
+    sizing : Sizing, optional
+        Edge lengths from place to place, in the stead of `edge_length` and `tets`; pytetwild's
+        meshes only.
 
     Returns
     -------
@@ -76,6 +80,9 @@ def mesh_domain(
         If no valid mesh, or none within 5 % of the count, was found, or not in time.
     """
     log = log or (lambda message: None)
+    if sizing is not None:
+        _check_sizing(edge_length, tets, kind)
+        edge_length = float(sizing.edge_lengths.max())
     _check_arguments(edge_length, tets, kind)
     frame = frame_of(problem.domain)
     length = None if edge_length is None else in_frame(edge_length, frame)
@@ -84,15 +91,18 @@ def mesh_domain(
     if kind == "bcc":
         return _bcc_mesh(frame, length, tets, log)
 
+    field = None if sizing is None else _sizing_in_frame(sizing, frame)
+
     def make():
-        mesh_at = _Meshing(frame, log, time_limit)
+        mesh_at = _Meshing(frame, log, time_limit, field)
         if tets is None:
             return mesh_at(length)
         return mesh_by_count(mesh_at, size, tets, log)
 
     settings = [MESHING_VERSION, pytetwild_version(), EPSILON, length, tets, frame.exact]
     folder = None if cache is False else cache or default_cache()
-    mesh = cached(folder, cache_key(settings, frame.points, frame.faces), make, log)
+    key = cache_key(settings, frame.points, frame.faces, *(field or ()))
+    mesh = cached(folder, key, make, log)
     return _in_metres(mesh, frame)
 
 
@@ -106,6 +116,29 @@ def _check_arguments(edge_length, tets, kind):
         raise InvalidCase(f"the {name} of the mesh must be positive, got {wanted}.")
     if kind not in ("pytetwild", "bcc"):
         raise InvalidCase(f"there is no mesh of kind {kind!r}; choose 'pytetwild' or 'bcc'.")
+
+
+def _check_sizing(edge_length, tets, kind):
+    if edge_length is not None or tets is not None:
+        raise InvalidCase("a sizing takes the place of the edge length and the number of tets.")
+    if kind != "pytetwild":
+        raise InvalidCase(f"a mesh of kind {kind!r} is uniform; a sizing needs 'pytetwild'.")
+
+
+def _sizing_in_frame(sizing, frame):
+    """Background points, tets and edge lengths of a Sizing in the frame, for pytetwild."""
+    points = np.round((sizing.mesh.points - frame.lower) / frame.scale, DIGITS)
+    return points, sizing.mesh.tets, np.round(sizing.edge_lengths / frame.scale, DIGITS)
+
+
+def estimated_edge_length(problem, tets):
+    """Edge length [m] at which the domain's mesh has roughly so many tets (within a factor of 2).
+
+    For meshes whose count does not matter much: nothing is tried.
+    """
+    frame = frame_of(problem.domain)
+    size = Size(signed_volume(frame.surface), _area(frame))
+    return size.edge_length(tets) * frame.scale
 
 
 def _check_count(size, length, tets):
@@ -125,19 +158,20 @@ def _area(frame):
 class _Meshing:
     """Meshes a frame at one edge length after another, until its time is up."""
 
-    def __init__(self, frame, log, time_limit):
-        self._frame, self._log, self._limit = frame, log, time_limit
+    def __init__(self, frame, log, time_limit, sizing=None):
+        self._frame, self._log, self._limit, self._sizing = frame, log, time_limit, sizing
         self._began, self._counts = time.monotonic(), []
 
     def __call__(self, length):
         """The mesh of an edge length of the frame; tells what came out."""
         metres = length * self._frame.scale
-        self._log(f"pytetwild meshes with the edge length {metres:.4g} m ...")
+        what = "edge length" if self._sizing is None else "longest edge length"
+        self._log(f"pytetwild meshes with the {what} {metres:.4g} m ...")
         left = None
         if self._limit is not None:
             left = max(self._limit - (time.monotonic() - self._began), 1e-3)
         try:
-            mesh = mesh_frame(self._frame, length, self._log, left)
+            mesh = mesh_frame(self._frame, length, self._log, left, self._sizing)
         except OutOfTime as error:
             raise NotConverged(self._out_of_time(metres), tuple(self._counts)) from error
         self._counts.append(len(mesh.tets))

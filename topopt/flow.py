@@ -58,6 +58,16 @@ class LoopState:
     secants: Secants
 
     @property
+    def level(self):
+        """The mesh it is on, from 1, the coarsest of nested ones."""
+        return self.history[-1].level
+
+    @property
+    def rows(self):
+        """The rows of the history that belong to its level: the level's start and its steps."""
+        return tuple(row for row in self.history if row.level == self.level)
+
+    @property
     def values(self):
         """Nodal values (n,) of the phase field, under the name they have in a PhaseField."""
         return self.phi
@@ -85,12 +95,14 @@ class Flow:
         Wall time already spent.
     bounds : pair of (n,) float arrays, optional
         Least and greatest phi at every node, equal in passive regions; 0 and 1 if not given.
+    level : int
+        Number of the mesh among nested ones, from 1.
     """
 
     def __init__(
-        self, mesh, model, settings, volume_fraction, eps, gamma, seconds=0.0, bounds=None
+        self, mesh, model, settings, volume_fraction, eps, gamma, seconds=0.0, bounds=None, level=1
     ):
-        self.model, self.settings, self.gamma = model, settings, gamma
+        self.model, self.settings, self.gamma, self.level = model, settings, gamma, level
         self.volume_fraction = volume_fraction
         self.energy = GinzburgLandau(mesh, eps, geometry=model.geometry)
         self.mass = self.energy.mass
@@ -105,8 +117,11 @@ class Flow:
         """gamma / eps [Pa]: the scale of the interface's driving force."""
         return self.gamma / self.energy.eps
 
-    def first(self, start=None):
-        """The loop's state before the first step, from nodal values (n,) or phi = m."""
+    def first(self, start=None, history=()):
+        """The loop's state before the first step, from nodal values (n,) or phi = m.
+
+        `history` holds the rows of coarser levels.
+        """
         phi = np.full(len(self.mass), self.volume_fraction) if start is None else start
         if self.volume is None:
             phi = np.clip(phi, self.lower, self.upper)
@@ -119,7 +134,7 @@ class Flow:
         curvature = concavity(self.model, phi, state)
         rule = first_rule(self.settings, self.pressure, float(curvature.sum()) / self.domain_volume)
         tau = self._tau(rule.metric(self.mass, curvature))
-        return self._arrive(phi, state, rule, (), Secants.none(len(phi)), tau)
+        return self._arrive(phi, state, rule, history, Secants.none(len(phi)), tau)
 
     def advance(self, loop):
         """Take one accepted step: the new LoopState, or None if nothing decreases J any more."""
@@ -145,7 +160,7 @@ class Flow:
 
     def outcome(self, loop):
         """Why the run ends here, or None if it goes on."""
-        settings, history = self.settings, loop.history
+        settings, history = self.settings, loop.rows
         if len(history) > settings.steps:
             return "steps"
         if loop.kkt.residual < settings.tolerance:
@@ -183,7 +198,7 @@ class Flow:
 
     def _solve(self, loop, phi):
         """Solve the state problem, to a tolerance that follows the gain of the last step."""
-        rows, tolerance = loop.history, self.settings.state_tolerance
+        rows, tolerance = loop.rows, self.settings.state_tolerance
         gain = 1.0
         if len(rows) > 1:
             gain = abs(1.0 - rows[-1].objective_J / rows[-2].objective_J)
@@ -201,7 +216,8 @@ class Flow:
         interface = self.gamma * self.energy.energy(phi)
         rejected, systems, iterations = effort
         row = HistoryRow(
-            iteration=len(history),
+            iteration=self._number(history),
+            level=self.level,
             compliance_J=state.compliance,
             ginzburg_landau_J=interface,
             objective_J=state.compliance + interface,
@@ -220,6 +236,12 @@ class Flow:
         parameters = (self.gamma, self.energy.eps)
         history = (*history, row)
         return LoopState(phi, state, gradient, rule, kkt, *parameters, history, secants)
+
+    def _number(self, history):
+        """The number of the next row; a level's start is no step and has the last one's."""
+        if not history:
+            return 0
+        return history[-1].iteration + (history[-1].level == self.level)
 
     def _tau(self, metric):
         """The step size of a metric: exactly tau for M / tau, its mean otherwise."""

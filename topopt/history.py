@@ -8,9 +8,15 @@ from dataclasses import astuple, dataclass, fields
 class HistoryRow:
     """One accepted step; row 0 is the start.
 
+    On several nested meshes every level begins with a row of its own: its start, with the number
+    of the last step before it.
+
     Parameters
     ----------
     iteration : int
+        Accepted steps so far, on all levels.
+    level : int
+        The mesh, from 1, the coarsest.
     compliance_J, ginzburg_landau_J, objective_J : float [J]
         F, gamma E and their sum J.
     volume_fraction : float
@@ -29,6 +35,7 @@ class HistoryRow:
     """
 
     iteration: int
+    level: int
     compliance_J: float
     ginzburg_landau_J: float
     objective_J: float

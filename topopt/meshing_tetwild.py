@@ -98,7 +98,7 @@ def tetrahedralize(points, faces, seconds=None, **options):
         return archive["points"], archive["tets"].astype(np.int32)
 
 
-def mesh_frame(frame, edge_length, log, seconds=None):
+def mesh_frame(frame, edge_length, log, seconds=None, sizing=None):
     """Mesh the domain of a frame, in the frame.
 
     Parameters
@@ -109,6 +109,9 @@ def mesh_frame(frame, edge_length, log, seconds=None):
     log : callable taking a str
     seconds : float, optional
         Time that all tries may take together.
+    sizing : (points, tets, edge lengths), optional
+        A background mesh in the frame, with edge lengths at its points: `edge_length` then holds
+        only where it does not reach.
 
     Returns
     -------
@@ -122,7 +125,10 @@ def mesh_frame(frame, edge_length, log, seconds=None):
     OutOfTime
         If the time was up before.
     """
-    reasons, began = [], time.monotonic()
+    reasons, began, background, shortest = [], time.monotonic(), {}, edge_length
+    if sizing is not None:
+        background = dict(zip(("bg_vertices", "bg_tets", "bg_values"), sizing))
+        shortest = float(sizing[2].min())
     for _ in range(TRIES):
         left = None if seconds is None else max(seconds - (time.monotonic() - began), 1e-3)
         points, tets = tetrahedralize(
@@ -133,9 +139,10 @@ def mesh_frame(frame, edge_length, log, seconds=None):
             epsilon=EPSILON,
             num_threads=1,
             vtk_ordering=True,
+            **background,
         )
         try:
-            return finish(frame, edge_length, points, tets)
+            return finish(frame, shortest, points, tets)
         except InvalidMesh as error:
             reasons.append(str(error))
             log(f"pytetwild's mesh is not used, because {error}")
@@ -146,7 +153,10 @@ def mesh_frame(frame, edge_length, log, seconds=None):
 
 
 def finish(frame, edge_length, points, tets):
-    """Turn pytetwild's output into a checked TetMesh; InvalidMesh says why it cannot be used."""
+    """Turn pytetwild's output into a checked TetMesh; InvalidMesh says why it cannot be used.
+
+    `edge_length` is the shortest aimed at: flat parts narrower than half of it are not snapped.
+    """
     points, tets = ordered(points, tets)
     facets = boundary_facets(tets)
     facets = facets[morton_order(points[facets].mean(axis=1), MORTON_BITS)]

@@ -18,6 +18,7 @@ from topopt.elasticity import ElasticModel, State
 from topopt.flow import Flow, LoopState
 from topopt.history import HistoryRow
 from topopt.kkt import KKT
+from topopt.levels import LevelStart
 from topopt.parameters import auto_eps, warn_if_coarse
 from topopt.passive import check_room, passive_bounds
 from topopt.problem import moved
@@ -35,7 +36,7 @@ class OptimizationSettings:
     Parameters
     ----------
     steps : int
-        Accepted steps at most.
+        Accepted steps at most, on this mesh.
     method : {"vmpt", "allen_cahn"}
         The projected gradient method in a metric that learns (`topopt.vmpt`), or the flow.
     step : {"variable_metric", "controlled", "fixed"}
@@ -53,6 +54,8 @@ class OptimizationSettings:
         Of the state problem.
     state_tolerance : float
         Loosest relative residual of a state solve; it tightens as the steps' gains get small.
+    check_resolution : bool
+        Warn if too few elements cross the interface.
     """
 
     steps: int = 60
@@ -64,6 +67,7 @@ class OptimizationSettings:
     volume_constraint: bool = True
     solver: str = "auto"
     state_tolerance: float = 1e-4
+    check_resolution: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +105,9 @@ def optimize(mesh, problem, settings=None, start=None, callback=None, model=None
     mesh : TetMesh
     problem : Problem
     settings : OptimizationSettings, optional
-    start : PhaseField, (n,) array or LoopState, optional
-        The first field (projected onto box and volume), or where an earlier run ended;
-        phi = m everywhere if not given.
+    start : PhaseField, (n,) array, LevelStart or LoopState, optional
+        The first field (projected onto box and volume), that of one of several nested meshes
+        (`topopt.levels`), or where an earlier run ended; phi = m everywhere if not given.
     callback : function(HistoryRow, LoopState), optional
         Called after every accepted step, and for the start (row 0), with the step's row and all
         that belongs to it (`phi`, `state`; enough to go on from). A KeyboardInterrupt, from it or
@@ -123,7 +127,7 @@ def optimize(mesh, problem, settings=None, start=None, callback=None, model=None
         If a state problem or a quadratic programme cannot be solved.
     """
     flow = prepare(mesh, problem, settings or OptimizationSettings(), start, model)
-    loop = start if isinstance(start, LoopState) else flow.first(nodal_values(mesh, start))
+    loop = start if isinstance(start, LoopState) else first_loop(flow, mesh, start)
     try:
         if callback and loop is not start:
             callback(loop.history[-1], loop)
@@ -156,17 +160,26 @@ def prepare(mesh, problem, settings, start=None, model=None):
         raise InvalidCase(f"volume_fraction: must lie in (0, 1), got {problem.volume_fraction:g}.")
     if model is None:
         model = state_problem(mesh, problem, settings)
-    gamma, eps, seconds = problem.gamma, problem.eps, 0.0
-    if isinstance(start, LoopState):
-        gamma, eps, seconds = start.gamma, start.eps, start.history[-1].seconds
+    gamma, eps, seconds, level = problem.gamma, problem.eps, 0.0, 1
+    if isinstance(start, LoopState | LevelStart):
+        gamma, eps, level = start.gamma, start.eps, start.level
+        seconds = start.history[-1].seconds if start.history else 0.0
     eps = auto_eps(mesh) if eps is None else eps
-    warn_if_coarse(mesh, eps)
+    if settings.check_resolution:
+        warn_if_coarse(mesh, eps, getattr(start, "phi", None))
     bounds = passive_bounds(mesh, problem)
-    method = METHODS[settings.method]
-    flow = method(mesh, model, settings, problem.volume_fraction, eps, gamma, seconds, bounds)
+    parameters = (problem.volume_fraction, eps, gamma, seconds, bounds, level)
+    flow = METHODS[settings.method](mesh, model, settings, *parameters)
     if settings.volume_constraint:
         check_room(flow.mass, *bounds, problem.volume_fraction)
     return flow
+
+
+def first_loop(flow, mesh, start):
+    """The LoopState before the first step, from any start but a LoopState."""
+    if isinstance(start, LevelStart):
+        return flow.first(nodal_values(mesh, start.phi), start.history)
+    return flow.first(nodal_values(mesh, start))
 
 
 def state_problem(mesh, problem, settings):

@@ -26,7 +26,7 @@ QUALITY_KEYS = [
 ]  # fmt: skip
 
 HISTORY_COLUMNS = (
-    "iteration,compliance_J,ginzburg_landau_J,objective_J,volume_fraction,tau,rejected,"
+    "iteration,level,compliance_J,ginzburg_landau_J,objective_J,volume_fraction,tau,rejected,"
     "pdas_iterations,state_iterations,kkt_residual,kkt_stationarity,kkt_complementarity,kkt_sign,"
     "volume_error,seconds"
 )

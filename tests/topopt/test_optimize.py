@@ -261,5 +261,7 @@ def test_history_survives_the_file(tmp_path, finished):
     write_history(tmp_path / "history.csv", finished.history)
     assert read_history(tmp_path / "history.csv") == finished.history
     header = (tmp_path / "history.csv").read_text().splitlines()[0]
-    assert header.startswith("iteration,compliance_J,ginzburg_landau_J,objective_J,volume_fraction")
+    assert header.startswith(
+        "iteration,level,compliance_J,ginzburg_landau_J,objective_J,volume_fraction"
+    )
     assert header.endswith("kkt_sign,volume_error,seconds")

@@ -1,0 +1,87 @@
+"""Where a mesh should be fine: edge lengths that follow the interface of a coarse design.
+
+Tets are spent where phi changes. Edges are short in the tets that the coarse design's interface
+crosses, and grow with the distance from those: the state of the void, and of the inside of thick
+members, varies slowly.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from meshes.errors import InvalidCase
+from meshes.tet_mesh import TetMesh
+from topopt.parameters import LOCAL_EDGES
+
+CROSSED = 0.02  # a tet is of the interface if phi leaves [0, CROSSED] and [1 - CROSSED, 1] in it
+GROWTH = 0.5  # of the edge length, per distance from the interface
+COARSEST = 4.0  # longest edge, in units of the shortest
+
+
+@dataclass(frozen=True, eq=False)
+class Sizing:
+    """Edge lengths wanted, given at the nodes of a background mesh.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+        Of the domain to be meshed.
+    edge_lengths : (n,) float array [m]
+        Positive.
+
+    Raises
+    ------
+    InvalidCase
+    """
+
+    mesh: TetMesh
+    edge_lengths: np.ndarray
+
+    def __post_init__(self):
+        lengths = np.array(self.edge_lengths, dtype=float)
+        if lengths.shape != (len(self.mesh.points),) or not (0 < lengths.min() < np.inf):
+            raise InvalidCase("a sizing needs one positive edge length for each node of its mesh.")
+        lengths.flags.writeable = False
+        object.__setattr__(self, "edge_lengths", lengths)
+
+
+def interface_sizing(design, edge_length):
+    """The edge lengths that resolve a coarse design's interface.
+
+    Parameters
+    ----------
+    design : PhaseField
+        On a mesh of about twice the edge length.
+    edge_length : float [m]
+        In the tets that the interface crosses, so in about two of its own to either side.
+
+    Returns
+    -------
+    Sizing
+        On the design's mesh.
+    """
+    distance = distance_along_edges(design.mesh, interface_nodes(design))
+    longer = edge_length + GROWTH * distance
+    return Sizing(design.mesh, np.minimum(longer, COARSEST * edge_length))
+
+
+def interface_nodes(design):
+    """Which nodes (n,) belong to a tet in which phi is neither 0 nor 1 throughout."""
+    corners = design.values[design.mesh.tets]
+    crossed = (corners.max(axis=1) > CROSSED) & (corners.min(axis=1) < 1.0 - CROSSED)
+    nodes = np.zeros(len(design.values), dtype=bool)
+    nodes[design.mesh.tets[crossed]] = True
+    return nodes
+
+
+def distance_along_edges(mesh, nodes):
+    """Length (n,) [m] of the shortest path along edges to one of `nodes` (n,) bool; inf if none."""
+    if not nodes.any():
+        return np.full(len(nodes), np.inf)
+    pairs = np.concatenate([mesh.tets[:, pair] for pair in LOCAL_EDGES])
+    pairs = np.unique(np.sort(pairs, axis=1), axis=0)
+    lengths = np.linalg.norm(mesh.points[pairs[:, 0]] - mesh.points[pairs[:, 1]], axis=1)
+    graph = coo_matrix((lengths, pairs.T), (len(nodes), len(nodes))).tocsr()
+    return dijkstra(graph, directed=False, indices=np.flatnonzero(nodes), min_only=True)
