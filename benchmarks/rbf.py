@@ -218,18 +218,19 @@ def kernel_limit(surface, queries):
     import numpy as np
     from scipy.spatial import cKDTree
 
-    from rbf.sum_kernels import value_and_gradient
+    from rbf.sum_kernels import aligned, value_and_gradient
 
     @numba.njit
-    def repeat(times, centres):
-        total = 0.0
+    def repeat(form, times, centres):
+        total, size = 0.0, centres.shape[1]
         for k in range(times):
-            total += value_and_gradient(1, True, centres.shape[1], centres, 1e-4 * k, 0.5, 0.5)[0]
+            total += value_and_gradient(form, centres, size, 1e-4 * k, 0.5, 0.5)[0]
         return total
 
-    centres = np.random.default_rng(0).random((7, 160))
-    repeat(1, centres)
-    _, wall, _ = timed(lambda: repeat(20_000, centres), 3)
+    centres = aligned(7, 160)
+    centres[:] = np.random.default_rng(0).random(centres.shape)
+    repeat(surface._form, 1, centres)
+    _, wall, _ = timed(lambda: repeat(surface._form, 20_000, centres), 3)
     pairs = cKDTree(queries).count_neighbors(cKDTree(surface.points), surface.support_radius)
     return pairs * wall / (20_000 * 160) / numba.get_num_threads()
 
@@ -270,7 +271,8 @@ def surface_twin():
 
     points, normals, queries, exact = torus_problem(100_000)
     surface = rbf.fit_hermite(points, normals)
-    tree, radius = cKDTree(surface._centres[:, :3]), surface.support_radius
+    centres = np.ascontiguousarray(surface._centres[:, : len(surface.points)].T)
+    tree, radius = cKDTree(centres[:, :3]), surface.support_radius
 
     @numba.njit(parallel=True, error_model="numpy")
     def add_up(x, starts, neighbours, centres, out):
@@ -296,7 +298,7 @@ def surface_twin():
         starts = np.concatenate([[0], np.cumsum([len(found) for found in lists])])
         neighbours = np.concatenate([np.asarray(found, np.int64) for found in lists])
         out = np.empty((len(x), 4))
-        add_up(x, starts, neighbours, surface._centres, out)
+        add_up(x, starts, neighbours, centres, out)
         return radius * out[:, 0]
 
     evaluate(queries[:100])

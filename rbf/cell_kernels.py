@@ -9,6 +9,8 @@ so that a neighbourhood is a few runs of points.
 import numpy as np
 from numba import njit
 
+from rbf.profiles import OPTIONS
+
 CELLS_PER_SUPPORT = 2.0  # cells of half a support radius
 REACH = 2  # a support ends within this many cells; the projection looks one farther
 MARGIN = 2 * REACH + 2  # empty cells kept around the points, so that indices stay positive
@@ -17,8 +19,6 @@ OUTSIDE = -1  # key of a query farther than REACH cells from every point, or not
 MAX_RUNS = (2 * REACH + 3) ** 2
 
 _HASH = np.uint64(0x9E3779B97F4A7C15)
-
-OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
 
 @njit(**OPTIONS)
@@ -65,7 +65,7 @@ def find_column(key, table_keys, table_columns):
 
 
 @njit(**OPTIONS)
-def neighbour_runs(key, reach, grid, run_start, run_end):
+def neighbour_runs(key, reach, grid, runs):
     """Runs of points in the cells at most `reach` away from cell `key`.
 
     Parameters
@@ -74,17 +74,17 @@ def neighbour_runs(key, reach, grid, run_start, run_end):
         Packed cell index.
     grid : tuple
         The arrays of a `CellGrid` (its `arrays`).
-    run_start, run_end : (MAX_RUNS,) int64 array
+    runs : (MAX_RUNS, 2) int64 array
         Filled with the points [start, end) of each run, in increasing order.
 
     Returns
     -------
-    runs, points : int
-        Number of runs and of points in them.
+    count : int
+        Number of runs.
     """
-    table_keys, table_columns, column_start, cell_z, cell_start, _ = grid
+    table_keys, table_columns, column_start, cell_z, cell_start = grid
     x, y, z = key >> 42, (key >> 21) & LARGEST_INDEX, key & LARGEST_INDEX
-    runs, total = 0, 0
+    count = 0
     for i in range(x - reach, x + reach + 1):
         for j in range(y - reach, y + reach + 1):
             column = find_column((i << 21) | j, table_keys, table_columns)
@@ -102,7 +102,6 @@ def neighbour_runs(key, reach, grid, run_start, run_end):
             while beyond < last and cell_z[beyond] <= z + reach:
                 beyond += 1
             if beyond > first:
-                run_start[runs], run_end[runs] = cell_start[first], cell_start[beyond]
-                total += cell_start[beyond] - cell_start[first]
-                runs += 1
-    return runs, total
+                runs[count, 0], runs[count, 1] = cell_start[first], cell_start[beyond]
+                count += 1
+    return count

@@ -23,8 +23,7 @@ class CellGrid:
     starts : (m + 1,) int64 array
         The points [starts[i], starts[i + 1]), in cell order, lie in cell i.
     arrays : tuple
-        What the compiled loops need: the hash table of the columns, their cells, and the points
-        (3, n) in cell order.
+        What the compiled loops need: the hash table of the columns, and their cells.
 
     Raises
     ------
@@ -51,8 +50,7 @@ class CellGrid:
         table_keys, table_columns = np.full(size, -1, np.int64), np.zeros(size, np.int64)
         kernels.fill_table(columns, table_keys, table_columns)
         cell_z = self.keys & kernels.LARGEST_INDEX
-        sorted_points = np.ascontiguousarray(points[self.order].T)
-        self.arrays = (table_keys, table_columns, column_start, cell_z, self.starts, sorted_points)
+        self.arrays = (table_keys, table_columns, column_start, cell_z, self.starts)
 
     def _octants(self, points):
         """Which eighth of its cell each point lies in: neighbours stay together in the order."""

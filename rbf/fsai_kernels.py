@@ -7,13 +7,14 @@ its nearest earlier sites and its own.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+from numba.extending import overload
 
 from rbf.cell_kernels import MAX_RUNS, neighbour_runs
-from rbf.kernels import wendland_chain, wendland_value
+from rbf.profiles import OPTIONS, wendland_chain, wendland_value
+from rbf.sum_kernels import HermiteSum
 
-OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
-SUMS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz", "reassoc"}}
+SUMS = OPTIONS | {"fastmath": {"contract", "nsz", "reassoc"}}
 LANES = 8  # rows are padded to a multiple of this
 PANEL = 4  # rows that are eliminated at once
 # Loops over unsigned indices vectorise; a signed one that might be negative would be wrapped.
@@ -21,12 +22,14 @@ UNSIGNED = np.uint64
 SMALLEST_PIVOT = 1e-13  # diagonal entries are about 1: a pivot below this is noise
 
 
-@njit(parallel=True, **OPTIONS)
-def choose_columns(keys, cells, grid, sites, group_start, columns, counts):
+@njit(**OPTIONS)
+def choose_columns(first_group, last_group, keys, cells, grid, sites, group_start, columns, counts):
     """The sites each group sees: its nearest earlier ones, then its own.
 
     Parameters
     ----------
+    first_group, last_group : int
+        The groups to do.
     keys, cells : int64 arrays
         Packed indices of the occupied cells; the cell of each group.
     grid : tuple
@@ -39,15 +42,13 @@ def choose_columns(keys, cells, grid, sites, group_start, columns, counts):
     counts : (g,) int32 array
         How many columns each group has.
     """
-    for group in prange(counts.size):
+    runs, distances = np.empty((MAX_RUNS, 2), np.int64), np.empty(columns.shape[1])
+    for group in range(first_group, last_group):
         first, last = group_start[group], group_start[group + 1]
-        run_start, run_end = np.empty(MAX_RUNS, np.int64), np.empty(MAX_RUNS, np.int64)
-        runs, _ = neighbour_runs(keys[cells[group]], np.int64(1), grid, run_start, run_end)
         limit = columns.shape[1] - (last - first)
-        distances = np.empty(limit)
         count = 0
-        for run in range(runs):
-            for j in range(run_start[run], min(run_end[run], first)):
+        for run in range(neighbour_runs(keys[cells[group]], 1, grid, runs)):
+            for j in range(runs[run, 0], min(runs[run, 1], first)):
                 nearest = np.inf
                 for i in range(first, last):
                     d = 0.0
@@ -55,7 +56,7 @@ def choose_columns(keys, cells, grid, sites, group_start, columns, counts):
                         d += (sites[j, axis] - sites[i, axis]) ** 2
                     nearest = min(nearest, d)
                 if nearest < 1.0:
-                    count = _insert(j, nearest, columns[group], distances, count)
+                    count = _insert(j, nearest, columns[group], distances[:limit], count)
         for i in range(first, last):
             columns[group, count] = i
             count += 1
@@ -76,10 +77,13 @@ def _insert(j, distance, chosen, distances, count):
     return min(count + 1, limit)
 
 
-@njit(**OPTIONS)
-def _hermite_matrix(order, scale, ridge, positions, normals, chosen, block):
-    """The block of Hermite sites (2 x 2 each), above the diagonal at least; lengths in supports."""
-    near = np.empty((6, chosen.size))
+def fill_block(form, scale, ridge, positions, normals, chosen, near, block):
+    """The block of the matrix that belongs to some sites, above the diagonal at least."""
+    raise NotImplementedError
+
+
+def _hermite_block(form, scale, ridge, positions, normals, chosen, near, block):
+    # 2 x 2 for each pair of sites; lengths in support radii
     for a in range(chosen.size):
         for axis in range(3):
             near[axis, a] = positions[chosen[a], axis]
@@ -90,7 +94,7 @@ def _hermite_matrix(order, scale, ridge, positions, normals, chosen, block):
         upper, lower = block[2 * a], block[2 * a + 1]
         for b in range(a, chosen.size):
             dx, dy, dz = x - X[b], y - Y[b], z - Z[b]
-            phi, f1, f2 = wendland_chain(order, np.sqrt(dx * dx + dy * dy + dz * dz))
+            phi, f1, f2 = wendland_chain(form.profile, dx * dx + dy * dy + dz * dz)
             di = nx * dx + ny * dy + nz * dz
             dj = NX[b] * dx + NY[b] * dy + NZ[b] * dz
             nn = nx * NX[b] + ny * NY[b] + nz * NZ[b]
@@ -101,9 +105,8 @@ def _hermite_matrix(order, scale, ridge, positions, normals, chosen, block):
         upper[2 * a] += ridge[chosen[a]]
 
 
-@njit(**OPTIONS)
-def _value_matrix(order, ridge, m, positions, chosen, block):
-    """Upper triangle of the block of sites that hold m values each."""
+def _value_block(form, scale, ridge, positions, normals, chosen, near, block):
+    m = positions.shape[0] // ridge.size  # values of each site
     for a in range(chosen.size * m):
         i = chosen[a // m] * m + a % m
         for b in range(a, chosen.size * m):
@@ -111,8 +114,13 @@ def _value_matrix(order, ridge, m, positions, chosen, block):
             d2 = 0.0
             for axis in range(3):
                 d2 += (positions[i, axis] - positions[j, axis]) ** 2
-            block[a, b] = wendland_value(order, np.sqrt(d2))
+            block[a, b] = wendland_value(form.profile, np.sqrt(d2))
         block[a, a] += ridge[chosen[a // m]]
+
+
+@overload(fill_block)
+def _fill_block(form, scale, ridge, positions, normals, chosen, near, block):
+    return _hermite_block if form.instance_class is HermiteSum else _value_block
 
 
 @njit(**OPTIONS)
@@ -176,16 +184,32 @@ def last_inverse_rows(block, size, wanted, inverse_diagonal, inverse):
             inverse[k, u] *= inverse_diagonal[k]
 
 
-@njit(parallel=True, **OPTIONS)
+@njit(**OPTIONS)
 def factor_groups(
-    order, scale, ridge, m, positions, normals, group_start, columns, counts, offsets, entries, bad
+    first_group,
+    last_group,
+    form,
+    scale,
+    ridge,
+    m,
+    positions,
+    normals,
+    group_start,
+    columns,
+    counts,
+    offsets,
+    entries,
+    bad,
 ):
     """The rows of the approximate inverse factor.
 
     Parameters
     ----------
-    order, scale, m : int, float, int
-        The kernel's k, the scale of the derivative functional, the functionals per site.
+    first_group, last_group : int
+        The groups to do.
+    form : HermiteSum or ValueSum
+    scale, m : float, int
+        The scale of the derivative functional, the functionals per site.
     ridge : (n,) float array
         Added to the diagonal of the values of each site.
     positions : (n m, 3) float array
@@ -201,18 +225,19 @@ def factor_groups(
     bad : (g,) int64 array
         Number of bad pivots of each group.
     """
-    for group in prange(counts.size):
+    largest = (columns.shape[1] * m + LANES - 1) // LANES * LANES
+    whole, inverse_diagonal = np.empty(largest * largest), np.empty(largest)
+    other, near = np.empty(largest * largest), np.empty((6, columns.shape[1]))
+    for group in range(first_group, last_group):
         size = counts[group] * m
         wanted = (group_start[group + 1] - group_start[group]) * m
         width = (size + LANES - 1) // LANES * LANES
-        block = np.zeros((width, width))
-        inverse_diagonal = np.empty(size)
-        inverse = np.empty((size, (wanted + LANES - 1) // LANES * LANES))
+        padded = (wanted + LANES - 1) // LANES * LANES
+        block = whole[: width * width].reshape(width, width)
+        inverse = other[: size * padded].reshape(size, padded)
+        block[:] = 0.0
         chosen = columns[group, : counts[group]]
-        if normals.shape[0] > 0:
-            _hermite_matrix(order, scale, ridge, positions, normals, chosen, block)
-        else:
-            _value_matrix(order, ridge, m, positions, chosen, block)
+        fill_block(form, scale, ridge, positions, normals, chosen, near, block)
         bad[group] = cholesky(block, size, width, inverse_diagonal)
         last_inverse_rows(block, size, wanted, inverse_diagonal, inverse)
         for u in range(wanted):
@@ -220,16 +245,28 @@ def factor_groups(
                 entries[offsets[group] + u * size + k] = inverse[k, u]
 
 
-@njit(parallel=True, **SUMS)
-def apply_rows(m, group_start, columns, counts, offsets, entries, x, products, product_start):
+@njit(**SUMS)
+def apply_rows(
+    first_group,
+    last_group,
+    m,
+    group_start,
+    columns,
+    counts,
+    offsets,
+    entries,
+    x,
+    products,
+    product_start,
+):
     """y = G x, and the pieces of G^T y that each group contributes.
 
     `products` holds, from product_start[i], the counts[i] * m contributions of group i; nobody
     else writes there. `sum_products` adds them up.
     """
-    for group in prange(counts.size):
+    local = np.empty(columns.shape[1] * m, np.float32)
+    for group in range(first_group, last_group):
         size = counts[group] * m
-        local = np.empty(size, np.float32)
         for a in range(counts[group]):
             for v in range(m):
                 local[a * m + v] = x[columns[group, a], v]
@@ -262,10 +299,10 @@ def list_products(m, columns, counts, product_start, starts, places):
             following[j] += 1
 
 
-@njit(parallel=True, **OPTIONS)
-def sum_products(m, starts, places, products, z):
+@njit(**OPTIONS)
+def sum_products(first_site, last_site, m, starts, places, products, z):
     """z (n, m): the contributions of all groups to each site, always in the same order."""
-    for j in prange(z.shape[0]):
+    for j in range(first_site, last_site):
         for v in range(m):
             total = 0.0
             for e in range(starts[j], starts[j + 1]):

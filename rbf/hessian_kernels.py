@@ -3,78 +3,66 @@
 H = sum_j (a f1 + f2 b.d) I + f2 (b d^T + d b^T) + (a f2 + f3 b.d) d d^T
 """
 
-from math import sqrt
-
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from rbf.cell_kernels import OUTSIDE, REACH
-from rbf.evaluate_kernels import bounding_box, gather, list_near
-from rbf.kernels import C2, C4
-
-SUMS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz", "reassoc"}}
-OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
-TINY = 1e-60
+from rbf.cell_kernels import MAX_RUNS, OUTSIDE, REACH, neighbour_runs
+from rbf.evaluate_kernels import bounds, gather, room
+from rbf.lanes import inverse_root, load, positive, spread, total
+from rbf.profiles import OPTIONS, TINY, parts, third, unit
+from rbf.sum_kernels import aligned
 
 
-@njit(inline="always", **SUMS)
-def _factors(order, r, ri):
-    """f1, f2, f3 of phi_{3,order}; f3 of C2 is left out, because it is unbounded."""
-    t = max(1.0 - r, 0.0)
-    t2 = t * t
-    t4 = t2 * t2
-    if order == C2:
-        return t, -20.0 * t2 * t, 60.0 * t2 * ri, 0.0
-    if order == C4:
-        return t, (-56.0 / 3.0) * t4 * t * (5.0 * r + 1.0), 560.0 * t4, -2240.0 * t2 * t * ri
-    f2 = 528.0 * t4 * t2 * (6.0 * r + 1.0)
-    return t, -22.0 * t4 * t2 * t * ((16.0 * r + 7.0) * r + 1.0), f2, -22176.0 * t4 * t
+@njit(**OPTIONS)
+def _hessian(profile, near, count, px, py, pz, out):
+    """Second derivatives (3, 3) at one point, from rows x, y, z, a, b; returns the support."""
+    xx = yy = zz = xy = xz = yz = support = spread(0.0)
+    for j in range(0, count, 8):
+        dx, dy, dz = px - load(near, 0, j), py - load(near, 1, j), pz - load(near, 2, j)
+        squared = dx * dx + (dy * dy + (dz * dz + TINY))
+        inverse = inverse_root(squared)
+        t = positive(1.0 - squared * inverse)
+        base, _, q, s = parts(profile, t, inverse)
+        f1, f2, f3 = base * (t * q), base * s, third(profile, t, inverse)
+        a, bx, by, bz = load(near, 3, j), load(near, 4, j), load(near, 5, j), load(near, 6, j)
+        slope = bx * dx + (by * dy + bz * dz)
+        diagonal = a * f1 + f2 * slope
+        outer = a * f2 + slope * f3
+        xx = xx + (diagonal + (outer * dx + 2.0 * (f2 * bx)) * dx)
+        yy = yy + (diagonal + (outer * dy + 2.0 * (f2 * by)) * dy)
+        zz = zz + (diagonal + (outer * dz + 2.0 * (f2 * bz)) * dz)
+        xy = xy + (outer * (dx * dy) + f2 * (bx * dy + by * dx))
+        xz = xz + (outer * (dx * dz) + f2 * (bx * dz + bz * dx))
+        yz = yz + (outer * (dy * dz) + f2 * (by * dz + bz * dy))
+        support = support + t
+    u = unit(profile)
+    out[0, 0], out[1, 1], out[2, 2] = u * total(xx), u * total(yy), u * total(zz)
+    out[0, 1] = out[1, 0] = u * total(xy)
+    out[0, 2] = out[2, 0] = u * total(xz)
+    out[1, 2] = out[2, 1] = u * total(yz)
+    return total(support)
 
 
-@njit(**SUMS)
-def _hessian(order, m, centres, px, py, pz, out):
-    """Second derivatives (xx, yy, zz, xy, xz, yz) at one point; returns the support."""
-    X, Y, Z, A = centres[0], centres[1], centres[2], centres[3]
-    BX, BY, BZ = centres[4], centres[5], centres[6]
-    xx = yy = zz = xy = xz = yz = near = 0.0
-    for j in range(m):
-        dx, dy, dz = px - X[j], py - Y[j], pz - Z[j]
-        r2 = max(dx * dx + dy * dy + dz * dz, TINY)
-        ri = 1.0 / sqrt(r2)
-        t, f1, f2, f3 = _factors(order, r2 * ri, ri)
-        nd = BX[j] * dx + BY[j] * dy + BZ[j] * dz
-        diagonal = A[j] * f1 + f2 * nd
-        outer = A[j] * f2 + f3 * nd
-        xx += diagonal + (outer * dx + 2.0 * f2 * BX[j]) * dx
-        yy += diagonal + (outer * dy + 2.0 * f2 * BY[j]) * dy
-        zz += diagonal + (outer * dz + 2.0 * f2 * BZ[j]) * dz
-        xy += outer * dx * dy + f2 * (BX[j] * dy + BY[j] * dx)
-        xz += outer * dx * dz + f2 * (BX[j] * dz + BZ[j] * dx)
-        yz += outer * dy * dz + f2 * (BY[j] * dz + BZ[j] * dy)
-        near += t
-    out[0, 0], out[1, 1], out[2, 2] = xx, yy, zz
-    out[0, 1], out[1, 0] = xy, xy
-    out[0, 2], out[2, 0] = xz, xz
-    out[1, 2], out[2, 1] = yz, yz
-    return near
+@njit(**OPTIONS)
+def hessians(first_cell, last_cell, profile, points, order, keys, starts, centres, grid, results):
+    """Second derivatives (n, 3, 3); parameters as in `evaluate_kernels.evaluate`.
 
-
-@njit(parallel=True, **OPTIONS)
-def hessians(points, order, keys, starts, centres, grid, kernel, results):
-    """Second derivatives (n, 3, 3); parameters as in `evaluate_kernels.evaluate`."""
-    for cell in prange(keys.size):
+    `profile` is that of the form. Centres of values alone have rows of zeros for b.
+    """
+    found, box = np.empty((MAX_RUNS, 2), np.int64), np.empty((2, 3))
+    near = aligned(centres.shape[0], 512)
+    for cell in range(first_cell, last_cell):
         first, last = starts[cell], starts[cell + 1]
         if keys[cell] == OUTSIDE:
-            for q in range(first, last):
-                results[order[q]] = np.nan
+            for place in range(first, last):
+                results[order[place]] = np.nan
             continue
-        box = np.empty((2, 3))
-        bounding_box(points, order, first, last, box)
-        chosen = list_near(keys[cell], np.int64(REACH), box, 1.0, grid)
-        near = gather(chosen, box, centres)
-        origin = 0.5 * (box[0] + box[1])
-        for q in range(first, last):
-            p = order[q]
-            x = points[p] - origin
-            if not _hessian(kernel, near.shape[1], near, x[0], x[1], x[2], results[p]) > 0.0:
+        runs = found[: neighbour_runs(keys[cell], REACH, grid, found)]
+        bounds(points, order, first, last, box)
+        near = room(runs, near)
+        count = gather(runs, box, 1.0, centres, near)
+        for place in range(first, last):
+            p = order[place]
+            x, y, z = points[p, 0], points[p, 1], points[p, 2]
+            if not _hessian(profile, near, count, x, y, z, results[p]) > 0.0:
                 results[p] = np.nan

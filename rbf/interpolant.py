@@ -9,13 +9,14 @@ from meshes import InvalidCase
 from rbf import evaluate_kernels, hessian_kernels, project_kernels
 from rbf.condition import extreme_eigenvalues
 from rbf.curvature import principal_curvatures
-from rbf.threads import threads_for
+from rbf.sum_kernels import ROWS, HermiteSum
+from rbf.threads import in_parts
 
 TOLERANCE = 1e-6  # of the projection, |S| in support radii
 LONGEST_STEP = 1.0 / 12.0  # of the projection, in support radii: half a spacing
 LEAST_SLOPE = 0.2  # a gradient flatter than this does not carry a step
 MOST_STEPS = 20
-NO_LISTS = np.empty(0, np.int64), np.empty(0, np.int32)
+NO_RUNS = np.empty(0, np.int64), np.empty((0, 2), np.int64)
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class CompactInterpolant:
         self._origin, self._unit = origin, unit
         self._system = system
         self._grid = system.centre_grid
-        self._centres, self._hermite = system.centres, system.hermite
+        self._form, self._centres = system.form, system.centres
         self._tree = None
 
     iterations = property(lambda self: self.report.iterations)
@@ -101,21 +102,7 @@ class CompactInterpolant:
         """Value (n,) and gradient (n, 3) at points (n, 3); NaN outside the support."""
         scaled = self._scaled(points)
         values, gradients = np.empty(len(scaled)), np.empty((len(scaled), 3))
-        order, keys, starts = self._grid.bin_queries(scaled)
-        with threads_for(len(scaled)):
-            evaluate_kernels.evaluate(
-                scaled,
-                order,
-                keys,
-                starts,
-                self._centres,
-                self._grid.arrays,
-                *NO_LISTS,
-                self.kernel.order,
-                self._hermite,
-                values,
-                gradients,
-            )
+        self._run(evaluate_kernels.evaluate, scaled, *NO_RUNS, values, gradients)
         values *= self._unit
         gradients *= self._unit / self.support_radius
         return values, gradients
@@ -129,7 +116,7 @@ class CompactInterpolant:
             If the interpolant is not twice differentiable: the Hermite form needs a kernel from
             C4 on, values alone one from C2 on.
         """
-        needed = 4 if self._hermite else 2
+        needed = 4 if isinstance(self._form, HermiteSum) else 2
         if self.kernel.smoothness < needed:
             raise InvalidCase(
                 f"second derivatives do not exist with kernel {self.kernel.name!r}: fit with "
@@ -137,18 +124,10 @@ class CompactInterpolant:
             )
         scaled = self._scaled(points)
         results = np.empty((len(scaled), 3, 3))
-        order, keys, starts = self._grid.bin_queries(scaled)
-        with threads_for(len(scaled)):
-            hessian_kernels.hessians(
-                scaled,
-                order,
-                keys,
-                starts,
-                self._centres,
-                self._grid.arrays,
-                self.kernel.order,
-                results,
-            )
+        centres = np.zeros((ROWS[HermiteSum], self._centres.shape[1]))
+        centres[: len(self._centres)] = self._centres
+        profile = self._form.profile
+        self._run(hessian_kernels.hessians, scaled, results, form=profile, centres=centres)
         results *= self._unit / self.support_radius**2
         return results
 
@@ -165,11 +144,11 @@ class CompactInterpolant:
         Costs some twenty solves. Not to be confused with `condition`, that of the preconditioned
         system, on which the number of iterations depends.
         """
-        coefficients = self._centres[:, 3:].copy()
+        coefficients = self._centres[3:].copy()
         try:
             smallest, largest = extreme_eigenvalues(self._system, neighbours)
         finally:
-            self._centres[:, 3:] = coefficients
+            self._centres[3:] = coefficients
         return largest / smallest
 
     def distance_to_data(self, points):
@@ -255,7 +234,7 @@ class CompactInterpolant:
         waiting = np.arange(len(scaled))
         while len(waiting):
             part = (scaled[waiting], taken[waiting], states[waiting], status[waiting])
-            self._walk(*part, settings)
+            self._run(project_kernels.project, part[0], settings, *part[1:])
             scaled[waiting], taken[waiting], states[waiting], status[waiting] = part
             waiting = waiting[part[3] == project_kernels.MOVED]
         failed = status != project_kernels.CONVERGED
@@ -264,23 +243,23 @@ class CompactInterpolant:
         projected[failed], normals[failed] = np.nan, np.nan
         return projected, normals, taken
 
-    def _walk(self, scaled, taken, states, status, settings):
+    def _run(self, kernel, scaled, *results, form=None, centres=None):
+        """Run a kernel over the cells of queries (n, 3)."""
         order, keys, starts = self._grid.bin_queries(scaled)
-        with threads_for(len(scaled)):
-            project_kernels.project(
-                scaled,
-                order,
-                keys,
-                starts,
-                self._centres,
-                self._grid.arrays,
-                self.kernel.order,
-                self._hermite,
-                settings,
-                taken,
-                states,
-                status,
-            )
+        form = self._form if form is None else form
+        centres = self._centres if centres is None else centres
+        in_parts(
+            kernel,
+            len(keys),
+            form,
+            scaled,
+            order,
+            keys,
+            starts,
+            centres,
+            self._grid.arrays,
+            *results,
+        )
 
     def _scaled(self, points):
         points = np.asarray(points, dtype=float)

@@ -17,12 +17,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from meshes import InvalidCase
 
-# Orders k of phi_{3,k}, by which the compiled loops select their formula.
-C0, C2, C4, C6 = 0, 1, 2, 3
+C0, C2, C4, C6 = 0, 1, 2, 3  # orders k of phi_{3,k}
 
 
 @dataclass(frozen=True)
@@ -155,34 +153,3 @@ def find_kernel(name, compact=None, least_smoothness=0):
             f"here: choose one of {names}"
         )
     return kernel
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def wendland_value(order, r):
-    """phi_{3,order}(r): compiled, one number."""
-    t = max(1.0 - r, 0.0)
-    t2 = t * t
-    if order == C2:
-        return t2 * t2 * (4.0 * r + 1.0)
-    if order == C4:
-        return t2 * t2 * t2 * ((35.0 * r + 18.0) * r + 3.0) * (1.0 / 3.0)
-    if order == C6:
-        t4 = t2 * t2
-        return t4 * t4 * (((32.0 * r + 25.0) * r + 8.0) * r + 1.0)
-    return t2
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def wendland_chain(order, r):
-    """phi, f1, f2 of phi_{3,order}, order >= 1: compiled; finite at r = 0, where d = 0 too."""
-    t = max(1.0 - r, 0.0)
-    t2 = t * t
-    t4 = t2 * t2
-    if order == C2:
-        return t4 * (4.0 * r + 1.0), -20.0 * t * t2, 60.0 * t2 / max(r, 1e-30)
-    if order == C4:
-        value = t4 * t2 * ((35.0 * r + 18.0) * r + 3.0) * (1.0 / 3.0)
-        return value, -56.0 / 3.0 * t4 * t * (5.0 * r + 1.0), 560.0 * t4
-    value = t4 * t4 * (((32.0 * r + 25.0) * r + 8.0) * r + 1.0)
-    first = -22.0 * t4 * t2 * t * ((16.0 * r + 7.0) * r + 1.0)
-    return value, first, 528.0 * t4 * t2 * (6.0 * r + 1.0)

@@ -5,100 +5,120 @@ margin is handed back to be binned anew.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from rbf.cell_kernels import OUTSIDE, REACH
-from rbf.evaluate_kernels import bounding_box, gather, list_near
-from rbf.sum_kernels import value_and_gradient
+from rbf.cell_kernels import MAX_RUNS, OUTSIDE, REACH, neighbour_runs
+from rbf.evaluate_kernels import bounds, gather, room
+from rbf.profiles import OPTIONS
+from rbf.sum_kernels import aligned, value_and_gradient
 
-OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
-MARGIN = 0.1  # how far a query may walk before it is binned anew, in support radii
+MARGIN = 0.1  # how far a query may leave its cell's queries' box, in support radii
 
 CONVERGED, MOVED, FAILED = 0, 1, 2  # status of a query
 
 
 @njit(**OPTIONS)
-def _walk(x, origin, near, kernel, hermite, settings, start, state):
-    """Move one query x (3,) to the zero set.
+def _step(result, box, settings, x, state, step):
+    """Move one query after `step` steps, unless it has arrived or cannot go on.
 
     Parameters
     ----------
-    x, origin : (3,) float arrays
-        The query, and the point the centres are relative to.
+    result : tuple
+        Value, gradient and support at x.
+    box : (2, 3) float array
+        Of the cell's queries, see `bounds`.
     settings : tuple
         (tolerance, longest step, least slope, most steps, steps per renewed gradient).
-    start : int
-        Steps this query has taken before.
+    x : (3,) float array
+        The query; moved.
     state : (4,) float array
-        Direction of descent (3 entries) and its squared length, carried between calls.
+        Direction of descent (3 entries) and its squared length, carried between steps. On
+        convergence it holds the gradient at x.
 
     Returns
     -------
-    status, steps : int
-        Steps taken so far. On convergence `state` holds the gradient at x.
+    status : int
+        MOVED if it goes on.
+    moved : bool
+        Whether it took a step.
+    away : bool
+        Whether it left the margin.
     """
     tolerance, longest, least_slope, most, refresh = settings
-    beginning = x.copy()
-    for step in range(start, most + 1):
-        v, gx, gy, gz, support = value_and_gradient(
-            kernel,
-            hermite,
-            near.shape[1],
-            near,
-            x[0] - origin[0],
-            x[1] - origin[1],
-            x[2] - origin[2],
-        )
-        if not support > 0.0:
-            return FAILED, step
-        slope2 = gx * gx + gy * gy + gz * gz
-        if abs(v) < tolerance and slope2 > least_slope * least_slope:
-            state[0], state[1], state[2], state[3] = gx, gy, gz, slope2
-            return CONVERGED, step
-        if step == most or not slope2 > 0.0:
-            return FAILED, step
-        if step % refresh == 0:
-            state[0], state[1], state[2], state[3] = gx, gy, gz, slope2
-        length = v / max(state[3], least_slope * least_slope)
-        distance = abs(length) * np.sqrt(state[3])
-        if distance > longest:
-            length *= longest / distance
-        moved = 0.0
-        for axis in range(3):
-            x[axis] -= length * state[axis]
-            moved += (x[axis] - beginning[axis]) ** 2
-        if moved > MARGIN * MARGIN:
-            return MOVED, step + 1
-    return FAILED, most
+    v, gx, gy, gz, support = result
+    if not support > 0.0:
+        return FAILED, False, False
+    slope2 = gx * gx + gy * gy + gz * gz
+    arrived = abs(v) < tolerance and slope2 > least_slope * least_slope
+    if not arrived and (step == most or not slope2 > 0.0):
+        return FAILED, False, False
+    if arrived or step % refresh == 0:
+        state[0], state[1], state[2], state[3] = gx, gy, gz, slope2
+    if arrived:
+        return CONVERGED, False, False
+    length = v / max(state[3], least_slope * least_slope)
+    distance = abs(length) * np.sqrt(state[3])
+    if distance > longest:
+        length *= longest / distance
+    beyond = 0.0
+    for axis in range(3):
+        x[axis] -= length * state[axis]
+        beyond += max(abs(x[axis] - box[0, axis]) - box[1, axis], 0.0) ** 2
+    return MOVED, True, beyond > MARGIN * MARGIN
 
 
-@njit(parallel=True, **OPTIONS)
+@njit(**OPTIONS)
+def _walk(form, near, count, box, settings, x, step, state):
+    """Move one query x (3,) until it has arrived, failed or left the margin: (status, steps)."""
+    while True:
+        result = value_and_gradient(form, near, count, x[0], x[1], x[2])
+        status, moved, away = _step(result, box, settings, x, state, step)
+        step += moved
+        if not moved or away:
+            return status, step
+
+
+@njit(**OPTIONS)
 def project(
-    points, order, keys, starts, centres, grid, kernel, hermite, settings, steps, states, status
+    first_cell,
+    last_cell,
+    form,
+    points,
+    order,
+    keys,
+    starts,
+    centres,
+    grid,
+    settings,
+    steps,
+    states,
+    status,
 ):
-    """Walk all queries (n, 3), in place, towards the zero set.
+    """Walk the queries (n, 3) of some cells, in place, towards the zero set.
 
     Parameters as in `evaluate_kernels.evaluate`, and
 
     settings : tuple
-        See `_walk`.
+        See `_step`.
     steps, status : (n,) int arrays
+        Steps taken so far (added to); MOVED queries must be binned anew.
     states : (n, 4) float array
         Gradient at the point reached (3 entries), and its squared length.
     """
-    for cell in prange(keys.size):
+    found, box = np.empty((MAX_RUNS, 2), np.int64), np.empty((2, 3))
+    near = aligned(centres.shape[0], 512)
+    for cell in range(first_cell, last_cell):
         first, last = starts[cell], starts[cell + 1]
         if keys[cell] == OUTSIDE:
-            for q in range(first, last):
-                status[order[q]] = FAILED
+            for place in range(first, last):
+                status[order[place]] = FAILED
             continue
-        box = np.empty((2, 3))
-        bounding_box(points, order, first, last, box)
-        chosen = list_near(keys[cell], np.int64(REACH + 1), box, 1.0 + MARGIN, grid)
-        near = gather(chosen, box, centres)
-        origin = 0.5 * (box[0] + box[1])
-        for q in range(first, last):
-            p = order[q]
+        runs = found[: neighbour_runs(keys[cell], REACH + 1, grid, found)]
+        bounds(points, order, first, last, box)
+        near = room(runs, near)
+        count = gather(runs, box, 1.0 + MARGIN, centres, near)
+        for place in range(first, last):
+            p = order[place]
             status[p], steps[p] = _walk(
-                points[p], origin, near, kernel, hermite, settings, steps[p], states[p]
+                form, near, count, box, settings, points[p], steps[p], states[p]
             )

@@ -13,7 +13,7 @@ from scipy.linalg import eigvalsh_tridiagonal
 from meshes import NotConverged
 from rbf import fsai_kernels as kernels
 from rbf.system import DERIVATIVE_SCALE
-from rbf.threads import threads_for
+from rbf.threads import in_parts
 
 ADVICE = (
     "weld or repair points that almost coincide, reduce support_radius, give more neighbours "
@@ -49,17 +49,18 @@ class Preconditioner:
         largest = int(np.diff(self.group_start).max())
         self._columns = np.empty((len(cells), min(neighbours, n) + largest), np.int32)
         self._counts = np.empty(len(cells), np.int32)
-        with threads_for(n):
-            kernels.choose_columns(
-                grid.keys,
-                cells,
-                grid.arrays,
-                system.sites,
-                self.group_start,
-                self._columns,
-                self._counts,
-            )
-            self._factor(system)
+        in_parts(
+            kernels.choose_columns,
+            len(cells),
+            grid.keys,
+            cells,
+            grid.arrays,
+            system.sites,
+            self.group_start,
+            self._columns,
+            self._counts,
+        )
+        self._factor(system)
         self._prepare_transpose(n)
 
     def _factor(self, system):
@@ -68,8 +69,10 @@ class Preconditioner:
         self._offsets = np.concatenate([[0], np.cumsum(lengths)])
         self._entries = np.empty(self._offsets[-1], np.float32)
         bad = np.zeros(len(counts), np.int64)
-        kernels.factor_groups(
-            system.order,
+        in_parts(
+            kernels.factor_groups,
+            len(counts),
+            system.form,
             DERIVATIVE_SCALE,
             system.ridge,
             m,
@@ -100,7 +103,9 @@ class Preconditioner:
 
     def apply(self, residual, out):
         """out = G^T G residual, arrays (n, m)."""
-        kernels.apply_rows(
+        in_parts(
+            kernels.apply_rows,
+            len(self._counts),
             self._m,
             self.group_start,
             self._columns,
@@ -111,7 +116,8 @@ class Preconditioner:
             self._products,
             self._product_start,
         )
-        kernels.sum_products(self._m, self._starts, self._places, self._products, out)
+        place = self._starts, self._places, self._products, out
+        in_parts(kernels.sum_products, len(out), self._m, *place)
 
 
 def _groups(cell_starts, size):
@@ -154,11 +160,6 @@ def solve(system, right, tolerance=1e-8, neighbours=20, iterations=300, start=No
 
 def solve_with(system, preconditioner, right, tolerance=1e-8, iterations=300, start=None):
     """`solve` with a preconditioner at hand."""
-    with threads_for(len(right)):
-        return _solve(system, preconditioner, right, tolerance, iterations, start)
-
-
-def _solve(system, preconditioner, right, tolerance, iterations, start):
     norm = np.sqrt(_dot(right, right))
     if norm == 0.0:
         return Solution(np.zeros_like(right), 0, 0.0, 1.0, preconditioner.bad_pivots, ())

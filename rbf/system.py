@@ -8,7 +8,9 @@ import numpy as np
 
 from rbf import evaluate_kernels
 from rbf.cells import CellGrid
-from rbf.threads import threads_for
+from rbf.evaluate_kernels import LANES
+from rbf.sum_kernels import ROWS, sum_form
+from rbf.threads import in_parts
 
 # The derivative functional of the Hermite form is scaled by a fifth of the support radius, which
 # makes its diagonal entry about that of the value.
@@ -40,33 +42,22 @@ class HermiteSystem:
         self.site_order = self.grid.order
         self.ridge = _sorted_ridge(ridge, self.site_order)
         self.centre_grid = self.grid
-        self.centres = np.zeros((len(points), 7))
-        self.centres[:, :3] = self.sites
-        self._identity = np.arange(len(points))
+        self.form = sum_form(order, self.hermite)
+        self.centres = _empty_centres(self.form, self.sites)
+        self._order = np.arange(len(points))
         self._value, self._gradient = np.empty(len(points)), np.empty((len(points), 3))
-        self._lists = _near_lists(self.positions, self._identity, self.grid)
+        self._runs = _near_runs(self.grid)
 
     def set_coefficients(self, x):
         """Make `centres` the sum with the coefficients x (n, 2)."""
-        self.centres[:, 3] = x[:, 0]
-        np.multiply(self.normals, -DERIVATIVE_SCALE * x[:, 1:], out=self.centres[:, 4:])
+        n = len(x)
+        self.centres[3, :n] = x[:, 0]
+        np.multiply(self.normals.T, -DERIVATIVE_SCALE * x[:, 1], out=self.centres[4:, :n])
 
     def multiply(self, x, out):
         """out = A x for arrays (n, 2)."""
         self.set_coefficients(x)
-        evaluate_kernels.evaluate(
-            self.positions,
-            self._identity,
-            self.grid.keys,
-            self.grid.starts,
-            self.centres,
-            self.grid.arrays,
-            *self._lists,
-            self.order,
-            True,
-            self._value,
-            self._gradient,
-        )
+        _sum_up(self)
         np.multiply(x[:, 0], self.ridge, out=out[:, 0])
         out[:, 0] += self._value
         np.einsum("ij,ij->i", self._gradient, self.normals, out=out[:, 1])
@@ -103,11 +94,11 @@ class PointSystem:
         if self.unknowns_per_site > 1:
             self.centre_grid = CellGrid(self.positions)
         self._order = self._places()
-        self.centres = np.zeros((len(self.positions), 7))
-        self.centres[:, :3] = self.positions[self._order]
+        self.form = sum_form(order, self.hermite)
+        self.centres = _empty_centres(self.form, self.positions[self._order])
         self._value = np.empty(len(self.positions))
         self._gradient = np.empty((len(self.positions), 3))
-        self._lists = _near_lists(self.positions, self._order, self.centre_grid)
+        self._runs = _near_runs(self.centre_grid)
 
     def _places(self):
         if self.centre_grid is self.grid:
@@ -116,38 +107,52 @@ class PointSystem:
 
     def set_coefficients(self, x):
         """Make `centres` the sum with the coefficients x (n, m)."""
-        np.take(x.reshape(-1), self._order, out=self.centres[:, 3], mode="clip")
+        weights = self.centres[3, : len(self._order)]
+        np.take(x.reshape(-1), self._order, out=weights, mode="clip")
 
     def multiply(self, x, out):
         """out = A x for arrays (n, m)."""
         self.set_coefficients(x)
-        evaluate_kernels.evaluate(
-            self.positions,
-            self._order,
-            self.centre_grid.keys,
-            self.centre_grid.starts,
-            self.centres,
-            self.centre_grid.arrays,
-            *self._lists,
-            self.order,
-            False,
-            self._value,
-            self._gradient,
-        )
+        _sum_up(self)
         np.multiply(x, self.ridge[:, None], out=out)
         out += self._value.reshape(out.shape)
 
 
-def _near_lists(positions, order, grid):
-    """The centres near each cell, which all products share: starts and numbers."""
+def _empty_centres(form, points):
+    """Centres at points (n, 3) without weights, one row per coordinate and weight."""
+    centres = np.zeros((ROWS[type(form)], len(points) + LANES))
+    centres[:3, : len(points)] = points.T
+    return centres
+
+
+def _near_runs(grid):
+    """The runs of centres around each cell, which all products share: starts and runs."""
     starts = np.zeros(len(grid.keys) + 1, np.int64)
-    place = (positions, order, grid.keys, grid.starts, grid.arrays, starts)
-    with threads_for(len(positions)):
-        evaluate_kernels.list_cells(*place, np.empty(0, np.int32))
-        np.cumsum(starts, out=starts)
-        lists = np.empty(starts[-1], np.int32)
-        evaluate_kernels.list_cells(*place, lists)
-    return starts, lists
+    place = len(grid.keys), grid.keys, grid.arrays, starts
+    in_parts(evaluate_kernels.list_runs, *place, np.empty((0, 2), np.int64))
+    np.cumsum(starts, out=starts)
+    runs = np.empty((starts[-1], 2), np.int64)
+    in_parts(evaluate_kernels.list_runs, *place, runs)
+    return starts, runs
+
+
+def _sum_up(system):
+    """The sum of a system's kernels, and its gradient, at its positions."""
+    grid = system.centre_grid
+    in_parts(
+        evaluate_kernels.evaluate,
+        len(grid.keys),
+        system.form,
+        system.positions,
+        system._order,
+        grid.keys,
+        grid.starts,
+        system.centres,
+        grid.arrays,
+        *system._runs,
+        system._value,
+        system._gradient,
+    )
 
 
 def _sorted_ridge(ridge, order):

@@ -1,19 +1,56 @@
-"""Threads where they pay: waking them costs more than a small job."""
+"""Threads for compiled loops: kernels that do part of their items, run side by side.
 
-from contextlib import contextmanager
+A kernel takes the range of its items first, and releases Python's lock. That compiles in a third
+of the time of a loop that numba makes parallel, and runs as fast.
+"""
+
+import itertools
+import os
+from concurrent.futures import ThreadPoolExecutor
 
 import numba
 
-SMALL = 1000  # points or queries, about half a millisecond of work
+LEAST = 50  # items (cells or groups, of about ten points) worth a thread: waking one costs time
+PARTS_PER_THREAD = 8  # so that threads end together though some parts take longer
+
+_pools = {}
 
 
-@contextmanager
-def threads_for(count):
-    """Within the block compiled loops over `count` items use one thread if that is few."""
-    before = numba.get_num_threads()
-    if count < SMALL:
-        numba.set_num_threads(1)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
+def in_parts(kernel, count, *arguments):
+    """kernel(first, last, *arguments) for ranges that make up range(count), on all threads.
+
+    Parameters
+    ----------
+    kernel : callable
+        Compiled with `nogil`; an item's results must not depend on the range it is part of.
+    count : int
+    *arguments
+
+    Notes
+    -----
+    As many threads as numba has been given (`numba.set_num_threads`).
+    """
+    threads = min(numba.get_num_threads(), count // LEAST)
+    if threads < 2:
+        kernel(0, count, *arguments)
+        return
+    parts = threads * PARTS_PER_THREAD
+    limits = [count * k // parts for k in range(parts + 1)]
+    waiting = iter(list(itertools.pairwise(limits)))
+
+    def work():
+        for first, last in waiting:
+            kernel(first, last, *arguments)
+
+    others = [_pool().submit(work) for _ in range(threads - 1)]
+    work()
+    for other in others:
+        other.result()
+
+
+def _pool():
+    """The threads of this process; a process that was forked off starts its own."""
+    if os.getpid() not in _pools:
+        _pools.clear()
+        _pools[os.getpid()] = ThreadPoolExecutor(max(numba.config.NUMBA_NUM_THREADS, 1))
+    return _pools[os.getpid()]

@@ -6,8 +6,10 @@ import pytest
 from meshes import InvalidCase
 from rbf import evaluate_kernels, fit_hermite
 from rbf.cells import CellGrid
-from rbf.interpolant import NO_LISTS
+from rbf.evaluate_kernels import LANES
+from rbf.interpolant import NO_RUNS
 from rbf.kernels import KERNELS
+from rbf.sum_kernels import ROWS, sum_form
 from tests.rbf import reference
 from tests.shapes import icosphere
 
@@ -15,6 +17,7 @@ CASES = [
     ("wendland_c0", False),
     ("wendland_c2", False),
     ("wendland_c2", True),
+    ("wendland_c4", False),
     ("wendland_c4", True),
     ("wendland_c6", True),
 ]
@@ -22,22 +25,14 @@ CASES = [
 
 def evaluate(kernel, hermite, queries, centres):
     """The compiled sum for centres (m, 7) in any order."""
-    grid = CellGrid(centres[:, :3])
+    grid, form = CellGrid(centres[:, :3]), sum_form(kernel.order, hermite)
     order, keys, starts = grid.bin_queries(queries)
+    rows = np.zeros((ROWS[type(form)], len(centres) + LANES))
+    rows[:, : len(centres)] = centres[grid.order, : len(rows)].T
     values, gradients = np.empty(len(queries)), np.empty((len(queries), 3))
-    evaluate_kernels.evaluate(
-        queries,
-        order,
-        keys,
-        starts,
-        np.ascontiguousarray(centres[grid.order]),
-        grid.arrays,
-        *NO_LISTS,
-        kernel.order,
-        hermite,
-        values,
-        gradients,
-    )
+    results = *NO_RUNS, values, gradients
+    cells = form, queries, order, keys, starts, rows, grid.arrays
+    evaluate_kernels.evaluate(0, len(keys), *cells, *results)
     return values, gradients
 
 

@@ -5,7 +5,8 @@ import pytest
 from numba import njit
 
 from meshes import InvalidCase
-from rbf.kernels import KERNELS, find_kernel, wendland_chain, wendland_value
+from rbf.kernels import KERNELS, find_kernel
+from rbf.profiles import PROFILES, wendland_chain, wendland_value
 
 WENDLAND = [kernel for kernel in KERNELS.values() if kernel.compact]
 
@@ -54,23 +55,28 @@ def test_definite_on_the_coefficients_that_polynomials_do_not_see(kernel):
 
 
 @njit
-def _compiled(order, r):
-    values = np.empty((4, r.size))
+def _compiled_values(profile, r, values):
     for i in range(r.size):
-        values[0, i] = wendland_value(order, r[i])
-        if order > 0:
-            values[1, i], values[2, i], values[3, i] = wendland_chain(order, r[i])
-    return values
+        values[i] = wendland_value(profile, r[i])
+
+
+@njit
+def _compiled_chain(profile, r, chain):
+    for i in range(r.size):
+        chain[0, i], chain[1, i], chain[2, i] = wendland_chain(profile, r[i] * r[i])
 
 
 @pytest.mark.parametrize("kernel", WENDLAND, ids=lambda k: k.name)
 def test_compiled_profile_is_the_same(kernel):
     r = np.linspace(1e-3, 1.2, 50)
-    compiled, expected = _compiled(kernel.order, r), kernel.chain(r)
-    np.testing.assert_allclose(compiled[0], expected[0], rtol=1e-13, atol=1e-15)
+    profile, expected = PROFILES[kernel.order], kernel.chain(r)
+    values, chain = np.empty(50), np.empty((3, 50))
+    _compiled_values(profile, r, values)
+    np.testing.assert_allclose(values, expected[0], rtol=1e-13, atol=1e-15)
     if kernel.order > 0:
-        for have, want in zip(compiled[1:], expected[:3]):
-            np.testing.assert_allclose(have, want, rtol=1e-13, atol=1e-12)
+        _compiled_chain(profile, r, chain)
+        for have, want in zip(chain, expected[:3]):
+            np.testing.assert_allclose(have, want, rtol=1e-12, atol=1e-12)
 
 
 def test_unknown_or_unfit_kernels_are_named():
