@@ -77,7 +77,7 @@ def exact_plane_side(points, a, b, c, d):
             high, low = two_sum(points[p, k], -points[d, k])
             difference[row, k, 0], difference[row, k, 1] = high, low
     expansion = np.empty(200)
-    count = 0
+    count = np.int64(0)
     for i in range(3):
         for turn in range(2):
             j = (i + 1 + turn) % 3
@@ -135,7 +135,7 @@ def plane_side(points, a, b, c, d):
 def exact_line_side(points, a, b, c, i, j):
     """The sign of `line_side`, summed exactly."""
     expansion = np.empty(40)
-    count = 0
+    count = np.int64(0)
     for turn in range(2):
         p, q = (a, b) if turn == 0 else (b, a)
         first = two_sum(points[p, i], -points[c, i])

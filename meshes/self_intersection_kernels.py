@@ -2,9 +2,11 @@
 
 Triangles are closed sets: touching is meeting. `faces` (m, 3) name the corners, `axes` (m,) an axis
 along which the triangle's projection keeps an area, -1 for triangles without area. All integers
-are int64, so that every kernel is compiled once.
+are int64, so that every kernel is compiled once: numba compiles a kernel again for an argument that
+may be a literal, such as a variable set to 0, hence `np.int64(0)`.
 """
 
+import numpy as np
 from numba import njit
 
 from meshes.predicates import line_side, plane_side
@@ -156,7 +158,7 @@ def faces_meet(points, faces, axes, f, g, room):
     room is (2, 3) int64 to work in.
     """
     s, t = faces[f], faces[g]
-    common, count, i, j = 0, 0, 0, 0
+    common = count = i = j = np.int64(0)
     for k in range(3):
         for l in range(3):
             if s[k] == t[l]:

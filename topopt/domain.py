@@ -77,7 +77,7 @@ def mesh_domain(
     InvalidCase
         Arguments that make no sense, or a surface that bounds no solid.
     NotConverged
-        If no valid mesh, or none within 5 % of the count, was found, or not in time.
+        If no valid mesh, or none within 10 % of the count, was found, or not in time.
     """
     log = log or (lambda message: None)
     if sizing is not None:

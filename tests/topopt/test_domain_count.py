@@ -77,6 +77,21 @@ def test_a_count_in_a_sharp_jump_is_refused_with_the_nearest_ones():
     assert abs(counts - below).min() / below < 0.03 and abs(counts - above).min() / above < 0.03
 
 
+def test_the_nearest_count_is_used_with_a_warning_rather_than_none():
+    def mesh_at(edge_length):
+        count = round(BOX.count(edge_length))
+        if count > 150_000:
+            count = 279_000 if count < 297_000 else 330_000
+        return SimpleNamespace(tets=range(count))
+
+    words = []
+    found = mesh_by_count(mesh_at, BOX, 297_000, words.append)
+    assert len(found.tets) == 279_000
+    assert words[-1].startswith("warning: no mesh of 297,000") and "279,000" in words[-1]
+    with pytest.raises(NotConverged, match="279,000 came out"):
+        mesh_by_count(mesh_at, BOX, 240_000, words.append)
+
+
 def test_a_shape_that_takes_more_tets_is_given_up_soon():
     counts = []
 
