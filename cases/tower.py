@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from cases.cli import run_bundled
+from cases.entry import start
 
 CASE = Path(__file__).with_suffix(".yaml")
 
 
 def main(arguments=None):
     """Run the case with command-line arguments; returns the exit code."""
-    return run_bundled(CASE, arguments)
+    return start("cases.cli", "run_bundled", CASE, arguments)
 
 
 if __name__ == "__main__":
