@@ -38,6 +38,9 @@ def load_meshes(run):
 def adapt_mesh(run, design):
     """Make the adapted mesh of the last level for the design (PhaseField) before, and keep it."""
     length = finest_edge_length(run)
+    if run.case.mesh.tets is not None:  # the coarse mesh tells how good the estimate is
+        count = len(design.mesh.tets) * REFINEMENT**3
+        length *= (count / run.case.mesh.tets) ** (1.0 / 3.0)
     LOG.info("the last mesh has edges of %.3g m where the interface is", length)
     run.mesh = _mesh(run, sizing=interface_sizing(design, length))
     save_tet_mesh(run.folder / "mesh.npz", run.mesh)
