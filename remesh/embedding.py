@@ -37,8 +37,8 @@ def squared_length(rows, a, b, sigma2):
 
 
 @kernel
-def least_tangent(first, second, third):
-    """Tangent of the smallest angle of the triangle with these squared edge lengths."""
+def least_angle(first, second, third):
+    """Sine and cosine, times one factor, of a triangle's smallest angle from its squared edges."""
     short, p, q = first, second, third
     if p < short:
         short, p = p, short
@@ -46,19 +46,27 @@ def least_tangent(first, second, third):
         short, q = q, short
     cosine = p + q - short  # 2 |p| |q| cos of the angle opposite the shortest edge
     area = 4.0 * p * q - cosine * cosine  # 16 area^2
-    return math.sqrt(max(area, 0.0)) / cosine if cosine > 0.0 else 0.0
+    return (math.sqrt(max(area, 0.0)), cosine) if cosine > 0.0 else (0.0, 1.0)
 
 
 @kernel
-def degrees_of(tangent):
-    """Angle [degrees] between 0 and 60 of a tangent, to 6e-5 degrees (six times as fast as atan).
+def least_tangent(first, second, third):
+    """Tangent of the smallest angle of the triangle with these squared edge lengths."""
+    sine, cosine = least_angle(first, second, third)
+    return sine / cosine
 
-    The rational function is the best of its kind in the largest error (least squares, reweighted).
+
+@kernel
+def degrees_of(sine, cosine):
+    """Angle [degrees] between 0 and 60, to 6e-5 degrees, with one division and no atan.
+
+    The rational function of the tangent is the best of its kind in the largest error (least
+    squares, reweighted). sine and cosine may share any factor.
     """
-    s = tangent * tangent
-    above = 1.0 + s * (0.76184092 + 0.08711568 * s)
-    below = 1.0 + s * (1.09510097 + s * (0.25271927 + 0.006342 * s))
-    return DEGREES * tangent * above / below
+    s, c = sine * sine, cosine * cosine
+    above = c * c + s * (0.76184092 * c + 0.08711568 * s)
+    below = c * c * c + s * (1.09510097 * c * c + s * (0.25271927 * c + 0.006342 * s))
+    return DEGREES * sine * cosine * above / below
 
 
 @kernel

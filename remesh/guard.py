@@ -4,7 +4,7 @@ import math
 
 from remesh.compiled import inlined, kernel
 from remesh.connectivity import CREASE, ORIGIN, TWIN, following, preceding
-from remesh.embedding import least_tangent, squared_length, squared_parts
+from remesh.embedding import least_angle, squared_length, squared_parts
 
 
 @kernel
@@ -47,7 +47,8 @@ def spoke_parts(rows, a, star, i, first):
 
 @inlined
 def star_triangle(rows, a, star, i, sigma2):
-    """Tangents of the least 6D and 3D angle of a triangle of a star, and its agreement.
+    """Sine and cosine of the least 6D angle of a triangle of a star, and of the 3D one, each pair
+    times some factor; twice its area times its agreement, and twice its area.
 
     a : row of the centre.
     """
@@ -58,30 +59,35 @@ def star_triangle(rows, a, star, i, sigma2):
     at_a = x * rows[a, 3] + y * rows[a, 4] + z * rows[a, 5]
     at_b = x * star[i, 3] + y * star[i, 4] + z * star[i, 5]
     at_c = x * star[i, 9] + y * star[i, 10] + z * star[i, 11]
-    normal = min(at_a, min(at_b, at_c)) / area if area > 0.0 else -1.0
+    normal = min(at_a, min(at_b, at_c))
     first, first_turn = spoke_parts(rows, a, star, i, 0)
     last, last_turn = spoke_parts(rows, a, star, i, 6)
     rim = star[i, 12]
     cosine = first + last + rim - 2.0 * min(rim, min(first, last))
-    tangent3 = 2.0 * area / cosine if cosine > 0.0 else 0.0
+    sine3, cosine3 = (2.0 * area, cosine) if cosine > 0.0 else (0.0, 1.0)
     if sigma2 <= 0.0:
-        return tangent3, tangent3, normal
-    tangent6 = least_tangent(
+        return sine3, cosine3, sine3, cosine3, normal, area
+    sine6, cosine6 = least_angle(
         first + sigma2 * first_turn, last + sigma2 * last_turn, rim + sigma2 * star[i, 13]
     )
-    return tangent6, tangent3, normal
+    return sine6, cosine6, sine3, cosine3, normal, area
 
 
 @kernel
 def star_quality(rows, halves, fan, count, star, sigma2):
     """Tangents of the least 6D and 3D angle, and least agreement with the normals, in a star."""
-    tangent6, tangent3, normal = math.inf, math.inf, 1.0
+    sine6, cosine6, sine3, cosine3, normal, area = 1.0, 0.0, 1.0, 0.0, 1.0, 1.0
     for i in range(count):
-        found = star_triangle(rows, halves[fan[i], ORIGIN], star, i, sigma2)
-        tangent6 = min(tangent6, found[0])
-        tangent3 = min(tangent3, found[1])
-        normal = min(normal, found[2])
-    return tangent6, tangent3, normal
+        s6, c6, s3, c3, n, a = star_triangle(rows, halves[fan[i], ORIGIN], star, i, sigma2)
+        if s6 * cosine6 < sine6 * c6:
+            sine6, cosine6 = s6, c6
+        if s3 * cosine3 < sine3 * c3:
+            sine3, cosine3 = s3, c3
+        if a <= 0.0:
+            n, a = -1.0, 1.0
+        if n * area < normal * a:
+            normal, area = n, a
+    return sine6 / cosine6, sine3 / cosine3, normal / area
 
 
 @kernel

@@ -68,7 +68,8 @@ def optimise_vertices(
     along_curves : bool
         Whether vertices on curves are moved too.
     """
-    settings = np.array([sigma**2, power, least_angle3, weight3, least_agreement], float)
+    tangent3 = math.tan(math.radians(least_angle3))
+    settings = np.array([sigma**2, power, least_angle3, weight3, least_agreement, tangent3], float)
     if np.ndim(steps) == 0:
         steps = np.full(len(work.links), float(steps))
     if hold is None:
@@ -82,11 +83,13 @@ def optimise_vertices(
 @kernel
 def star_cost(rows, halves, fan, count, star, settings, bound):
     """Cost of the triangles around a vertex (see `optimise_vertices`); stops above `bound`."""
-    sigma2, power, least3, weight3, least_agreement = settings
+    sigma2, power, least3, weight3, least_agreement, tangent_least3 = settings
     cost = 0.0
     for i in range(count):
-        tangent6, tangent3, normal = star_triangle(rows, halves[fan[i], ORIGIN], star, i, sigma2)
-        x = 2.0 - degrees_of(tangent6) / 30.0
+        sine6, cosine6, sine3, cosine3, normal, area = star_triangle(
+            rows, halves[fan[i], ORIGIN], star, i, sigma2
+        )
+        x = 2.0 - degrees_of(sine6, cosine6) / 30.0
         if power > 1.0:
             x *= x
         if power > 2.0:
@@ -94,13 +97,13 @@ def star_cost(rows, halves, fan, count, star, settings, bound):
         if power > 4.0:
             x *= x
         cost += x
-        if weight3 > 0.0:
-            y = least3 - degrees_of(tangent3)
-            if y > 0.0:
-                cost += weight3 * y * y
-        z = least_agreement - normal
-        if z > 0.0:
-            cost += BARRIER * z
+        if weight3 > 0.0 and sine3 < tangent_least3 * cosine3:
+            y = least3 - degrees_of(sine3, cosine3)
+            cost += weight3 * y * y
+        if area <= 0.0:
+            cost += BARRIER * (least_agreement + 1.0)
+        elif normal < least_agreement * area:
+            cost += BARRIER * (least_agreement - normal / area)
         if cost >= bound:
             return cost
     return cost
@@ -123,8 +126,8 @@ def wants_search(rows, halves, fan, count, star, settings, only_below):
     if only_below >= 60.0:
         return True
     tangent6, tangent3, normal = star_quality(rows, halves, fan, count, star, settings[0])
-    bad3 = settings[3] > 0.0 and degrees_of(tangent3) < settings[2]
-    return degrees_of(tangent6) < only_below or bad3 or normal < settings[4]
+    bad3 = settings[3] > 0.0 and tangent3 < settings[5]
+    return degrees_of(tangent6, 1.0) < only_below or bad3 or normal < settings[4]
 
 
 @kernel

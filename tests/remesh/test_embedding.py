@@ -60,5 +60,6 @@ def test_length_on_a_sphere_is_stretched_by_sigma_over_radius():
 
 def test_quick_arc_tangent():
     tangents = np.linspace(0.0, np.sqrt(3.0), 200)
-    found = [embedding.degrees_of(t) for t in tangents]
-    np.testing.assert_allclose(found, np.degrees(np.arctan(tangents)), atol=7e-5)
+    for factor in (1e-20, 1.0, 1e18):
+        found = [embedding.degrees_of(factor * t, factor) for t in tangents]
+        np.testing.assert_allclose(found, np.degrees(np.arctan(tangents)), atol=7e-5)
