@@ -16,8 +16,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from meshes.errors import NotConverged
-from topopt.low_rank_kernels import add_multiple, gram, low_rank_gradients
-from topopt.pdas_kernels import conjugate_gradients, multiply_rows
+from topopt.low_rank_kernels import gram, multiply, threads_that_pay
+from topopt.reduced_system import ReducedSystem
 
 CG_TOLERANCE = 1e-12
 ACCURACY = 1e-9  # see `StepQP.accuracy`
@@ -42,7 +42,7 @@ class StepQP:
     lower, upper : (n,) float arrays
         Bounds; equal ones hold a node.
     learned : (k, n) float32 array, optional
-        W.
+        W; no rows if not given.
     core : (k, k) float array, optional
         C, symmetric; H as a whole is positive definite.
     tolerance : float
@@ -60,6 +60,11 @@ class StepQP:
     learned: np.ndarray | None = None
     core: np.ndarray | None = None
     tolerance: float = CG_TOLERANCE
+
+    def __post_init__(self):
+        if self.learned is None:
+            object.__setattr__(self, "learned", np.zeros((0, len(self.mass)), np.float32))
+            object.__setattr__(self, "core", np.zeros((0, 0)))
 
     @cached_property
     def jacobi(self):
@@ -82,20 +87,12 @@ class StepQP:
         a = self.stiffness
         return a.indptr, a.indices, a.data, self.coupling, self.diagonal
 
-    @cached_property
-    def all_rows(self):
-        """Indices (n,) of all nodes."""
-        return np.arange(len(self.mass), dtype=np.int32)
-
-    def product(self, x, rows=None):
-        """H x (n,) on the given rows (all by default), 0 elsewhere."""
-        rows, out = self.all_rows if rows is None else rows, np.zeros(len(x))
-        multiply_rows(*self.matrix, rows, x, out)
-        if self.learned is not None:
-            low_rank = np.zeros(len(x))
-            for factor, row in zip(self.core @ gram(self.learned, x[None])[:, 0], self.learned):
-                add_multiple(factor, row, low_rank)
-            out[rows] += low_rank[rows]
+    def product(self, x):
+        """H x (n,)."""
+        out = np.empty(len(x))
+        lifted = self.core @ gram(self.learned, x[None])[:, 0]
+        with threads_that_pay(len(x)):
+            multiply(*self.matrix, self.learned, lifted, x, out)
         return out
 
     def objective(self, x):
@@ -110,64 +107,6 @@ class StepQP:
         """Largest |x - clip(x + (b - H x - kappa m) / diag(H))|: 0 at the solution."""
         moved = np.clip(x + self.multiplier(x, kappa) / self.jacobi, self.lower, self.upper)
         return float(np.abs(moved - x).max(initial=0.0))
-
-    def solve_on(self, rows, residuals, start=None):
-        """Solve H_RR x_R = rhs_R for two right sides.
-
-        Parameters
-        ----------
-        rows : (k,) int32 array, R
-        residuals : (n, 2) float array
-            rhs - H start on R, 0 elsewhere; overwritten.
-        start : (n, 2) float array, optional
-            0 elsewhere than on R; overwritten.
-
-        Returns
-        -------
-        (n, 2) float array
-            0 off R.
-
-        Raises
-        ------
-        NotConverged
-            If conjugate gradients break down (a number that is not finite).
-        """
-        x = np.zeros_like(residuals) if start is None else start
-        jacobi, mass = self.jacobi[rows], self.mass[rows]
-        reach = np.max(self.upper - self.lower)
-        scale = np.array([reach * np.sqrt(jacobi.sum()), np.sqrt((mass * mass / jacobi).sum())])
-        limits = (self.tolerance * scale, 20 * int(np.sqrt(rows.size)) + 2000)
-        if self.learned is None:
-            arguments = (self.jacobi, rows, x, residuals, np.zeros((2, *x.shape)), *limits)
-            iterations = conjugate_gradients(*self.matrix, *arguments)
-        else:
-            packed = np.ascontiguousarray(self.learned[:, rows])
-            low_rank = (self.jacobi, packed, self.core, *self._preconditioner(packed, jacobi))
-            arguments = (rows, x, residuals, np.zeros((3, *x.shape)), *limits)
-            iterations = low_rank_gradients(*self.matrix, *low_rank, *arguments)
-        if iterations < 0:
-            raise NotConverged(
-                f"the step's linear system on {rows.size} nodes does not converge; the field, the "
-                "sensitivities or the step size hold numbers that are not finite or far too large."
-            )
-        return x
-
-    def _preconditioner(self, packed, jacobi):
-        """Core of (J + W^T C W)^-1 on some nodes, J = diag(jacobi), and W J^-1 W^T: (k, k) each.
-
-        J + W^T C W need not be definite: eigenvalues of J^-1/2 W^T C W J^-1/2 below -1/2 are
-        raised to -1/2.
-        """
-        weight = gram(packed, packed / jacobi)
-        weight = 0.5 * (weight + weight.T)
-        squares, vectors = np.linalg.eigh(weight)
-        kept = squares > 1e-12 * squares.max(initial=0.0)
-        root = vectors[:, kept] / np.sqrt(squares[kept])  # G^-1/2
-        back = vectors[:, kept] * np.sqrt(squares[kept])
-        values, turn = np.linalg.eigh(back.T @ self.core @ back)
-        values = np.maximum(values, -0.5)
-        basis = root @ turn
-        return (basis * (values / (1.0 + values))) @ basis.T, weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +154,7 @@ def on_bounds(qp, sets, x):
     return np.where(sets > 0, qp.upper, np.where(sets < 0, qp.lower, x))
 
 
-def solve_equality(qp, sets, x, kappa, direction=None):
+def solve_equality(qp, sets, x):
     """Minimise over the inactive nodes, the active ones held at their bounds, volume met.
 
     Parameters
@@ -223,31 +162,23 @@ def solve_equality(qp, sets, x, kappa, direction=None):
     qp : StepQP
     sets : (n,) int8 array
         With at least one inactive node.
-    x, kappa : start, (n,) and float
-    direction : (n,) float array, optional
-        A guess of z, H_II z = m_I.
+    x : (n,) float array
+        Start.
 
     Returns
     -------
     x : (n,) float array
         Not necessarily within the bounds.
     kappa : float
-    direction : (n,) float array
-        z.
     """
-    inactive = sets == 0
-    rows = as_rows(inactive)
+    system = ReducedSystem(qp, as_rows(sets == 0))
     x = on_bounds(qp, sets, x)
-    guess = np.zeros((len(x), 2))
-    if direction is not None:
-        guess[rows, 1] = direction[rows]
-    residuals = np.zeros((len(x), 2))
-    residuals[rows, 0] = (qp.linear - kappa * qp.mass - qp.product(x, rows))[rows]
-    residuals[rows, 1] = (qp.mass - qp.product(np.ascontiguousarray(guess[:, 1]), rows))[rows]
-    moved, z = qp.solve_on(rows, residuals, guess).T
-    x = x + moved
-    excess = (qp.mass @ x - qp.volume) / (qp.mass @ z)
-    return x - excess * z, kappa + excess, z
+    answer = system.precondition(system.mass)
+    missing = qp.volume - float(qp.mass @ x)
+    x[system.rows] += missing / float(system.mass @ answer) * answer
+    moved, kappa = system.solve_in_plane((qp.linear - qp.product(x))[system.rows], answer)
+    x[system.rows] += moved
+    return x, kappa
 
 
 def projected_newton(qp, kappa, x, tolerance=1e-13):
@@ -290,9 +221,8 @@ def projected_newton(qp, kappa, x, tolerance=1e-13):
         rows = as_rows(~held & qp.movable)
         step = slope / qp.jacobi
         if rows.size:
-            residuals = np.zeros((len(x), 2))
-            residuals[rows, 0] = slope[rows]
-            step[rows] = qp.solve_on(rows, residuals)[rows, 0]
+            scale = reach * np.sqrt(qp.jacobi[rows].sum())
+            step[rows] = ReducedSystem(qp, rows).solve(slope[rows], scale)
         moved = _backtrack(qp, x, slope, step)
         if moved is None:  # rounding is all that is left
             break
@@ -359,9 +289,9 @@ def volume_slope(qp, x):
     rows = as_rows((x > qp.lower) & (x < qp.upper))
     if rows.size == 0:
         return np.inf
-    residuals = np.zeros((len(x), 2))
-    residuals[rows, 1] = qp.mass[rows]
-    return float(qp.mass @ qp.solve_on(rows, residuals)[:, 1])
+    mass = qp.mass[rows]
+    scale = float(np.sqrt((mass * mass / qp.jacobi[rows]).sum()))
+    return float(mass @ ReducedSystem(qp, rows).solve(mass, scale))
 
 
 def _finish(qp, x, kappa, iterations, history):
@@ -369,7 +299,7 @@ def _finish(qp, x, kappa, iterations, history):
     sets = sets_of(qp, x)
     reach = float(np.max(qp.upper - qp.lower))
     if np.any(sets == 0):
-        polished, kappa_polished, _ = solve_equality(qp, sets, x, kappa)
+        polished, kappa_polished = solve_equality(qp, sets, x)
         clipped = np.clip(polished, qp.lower, qp.upper)
         if np.abs(clipped - polished).max() <= 1e-12 * reach:
             x, kappa = clipped, kappa_polished

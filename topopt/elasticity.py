@@ -17,12 +17,11 @@ import numpy as np
 from topopt import elasticity_kernels as kernels
 from topopt.assembly import Assembler
 from topopt.geometry import mass_product, morton_order, tet_geometry
-from topopt.interpolation import stiffness_factor
+from topopt.interpolation import stiffness_factor, stiffness_slope
 from topopt.linear_solver import make_solver, rigid_body_modes
 from topopt.weak_form import WeakFormAssembler
 
 LIFT_TOLERANCE = 1e-6  # any extension is exact; a smooth one is quick to go on from
-EYE = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +70,24 @@ class State:
         return self.displacements[0]
 
 
+@dataclass(frozen=True, eq=False)
+class Response:
+    """How a State changes with the phase field, to first order along one direction.
+
+    Parameters
+    ----------
+    displacements : (c, n, 3) float array [m]
+    energy_density : (m,) float array [J/m^3]
+        Change of w.
+    iterations : int
+        Of the linear solver, all load cases together.
+    """
+
+    displacements: np.ndarray
+    energy_density: np.ndarray
+    iterations: int
+
+
 class ElasticModel:
     """Elasticity on one mesh, solved for one phase field after another.
 
@@ -109,7 +126,7 @@ class ElasticModel:
         points, fixed = mesh.points[self._order], conditions.fixed[self._order]
         self._solver = make_solver(solver, reference, rigid_body_modes(points, fixed))
         self._lifts = self._imposed_displacements(reference)
-        self._matrix = reference
+        self._matrix, self._ready_for = reference, None
 
     @property
     def volumes(self):
@@ -182,17 +199,23 @@ class ElasticModel:
         factor : (m,) float array
             Of the stiffness on each tet.
         """
-        tets, gradients = self.mesh.tets, self.geometry.gradients
-        slope = np.einsum("eai,eaj->eij", displacement[tets], gradients)  # d u_i / d x_j
-        stress = self.material.lame_mu * (slope + slope.transpose(0, 2, 1))
-        stress += self.material.lame_lambda * np.trace(slope, axis1=1, axis2=2)[:, None, None] * EYE
-        stress *= (factor * self.volumes)[:, None, None]
-        corner = np.einsum("eij,eaj->eai", stress, gradients).reshape(-1, 3)
-        n = len(displacement)
-        columns = [np.bincount(tets.ravel(), corner[:, k], minlength=n) for k in range(3)]
-        result = np.stack(columns, axis=1)
+        result = self._stress_forces(displacement, factor)
         springs = self.conditions.springs
         return result if springs is None else result + springs.forces(displacement)
+
+    def _stress_forces(self, displacement, factor):
+        """Forces (n, 3) [N] of the stress of a displacement (n, 3), the factor as above."""
+        result = np.zeros_like(displacement)
+        kernels.stress_forces(
+            np.ascontiguousarray(displacement),
+            self.mesh.tets,
+            self.geometry.gradients,
+            self.material.lame_lambda,
+            self.material.lame_mu,
+            factor * self.volumes,
+            result,
+        )
+        return result
 
     def reactions(self, phi, state, k=0):
         """Forces R = K u - f (n, 3) [N] that rigid supports exert in load case k; 0 elsewhere."""
@@ -223,9 +246,7 @@ class ElasticModel:
         """
         began = time.perf_counter()
         factor = stiffness_factor(phi, self.mesh.tets, self.material.void_ratio)
-        self._matrix = self._assembler.assemble(factor[self._tet_order], self._matrix)
-        assembled = time.perf_counter()
-        self._solver.update(self._matrix)
+        assembled = self._prepare(phi, factor)
         prepared = time.perf_counter()
         cases, shape = self.conditions.cases, self.mesh.points.shape
         starts = [None] * len(cases) if start is None else np.reshape(start, (-1, *shape))
@@ -248,6 +269,52 @@ class ElasticModel:
             solutions[-1].solver,
             *seconds,
         )
+
+    def _prepare(self, phi, factor):
+        """Make matrix and solver those of phi (n,); returns when the matrix was assembled."""
+        if self._ready_for is not None and np.array_equal(phi, self._ready_for):
+            return time.perf_counter()
+        self._ready_for = None
+        self._matrix = self._assembler.assemble(factor[self._tet_order], self._matrix)
+        assembled = time.perf_counter()
+        self._solver.update(self._matrix)
+        self._ready_for = np.array(phi)
+        return assembled
+
+    def response(self, phi, state, direction, tolerance=1e-2):
+        """How displacements and energy density change where phi moves along a direction.
+
+        Parameters
+        ----------
+        phi : (n,) float array
+        state : State
+            The solution for phi.
+        direction : (n,) float array
+        tolerance : float
+            Relative residual.
+
+        Returns
+        -------
+        Response
+
+        Notes
+        -----
+        K u' = f' - K' u, with K' the stiffness matrix for the change of C(phi), and f' the weight
+        of the material that comes in; u' = 0 on the supports.
+        """
+        tets, r = self.mesh.tets, self.material.void_ratio
+        self._prepare(phi, stiffness_factor(phi, tets, r))
+        slope = stiffness_slope(phi, direction, tets, r)
+        weight = self.body_force(direction)
+        displacements, iterations, density = [], 0, np.zeros(len(tets))
+        for case, u in zip(self.conditions.cases, state.displacements, strict=True):
+            forces = weight * case.gravity - self._stress_forces(u, slope)
+            change, _, solution = self._solve(forces, None, tolerance)
+            bend = self.energy_density(u + change) - self.energy_density(u - change)
+            density += 0.5 * case.weight * bend  # w is quadratic
+            displacements.append(change)
+            iterations += solution.iterations
+        return Response(np.stack(displacements), density, iterations)
 
     def _solve_case(self, forces, lift, start, factor, tolerance):
         """Displacement (n, 3), compliance and Solution of one load case.

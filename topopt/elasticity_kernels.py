@@ -30,6 +30,24 @@ def energy_density(displacement, tets, gradients, lame_lambda, lame_mu, result):
         result[e] = lame_lambda * trace * trace + 2.0 * lame_mu * square
 
 
+@njit(cache=True, error_model="numpy")
+def stress_forces(displacement, tets, gradients, lame_lambda, lame_mu, volumes, result):
+    """result[i] += the forces at node i of the stress lambda tr(eps) + 2 mu eps on each tet.
+
+    The tets count with the given volumes (m,).
+    """
+    for e in range(tets.shape[0]):
+        xx, yy, zz, xy, yz, zx = _strain(displacement, tets, gradients, e)
+        trace = lame_lambda * volumes[e] * (xx + yy + zz)
+        twice = 2.0 * lame_mu * volumes[e]
+        for a in range(4):
+            node = tets[e, a]
+            gx, gy, gz = gradients[e, a, 0], gradients[e, a, 1], gradients[e, a, 2]
+            result[node, 0] += trace * gx + twice * (xx * gx + xy * gy + zx * gz)
+            result[node, 1] += trace * gy + twice * (xy * gx + yy * gy + yz * gz)
+            result[node, 2] += trace * gz + twice * (zx * gx + yz * gy + zz * gz)
+
+
 @njit(cache=True, parallel=True, error_model="numpy")
 def von_mises(displacement, tets, gradients, shear_modulus, result):
     """result[e] = sqrt(3/2 s : s), s the deviator 2 mu dev(eps), with mu = shear_modulus[e]."""

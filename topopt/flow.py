@@ -196,14 +196,18 @@ class Flow:
         tolerance = min(max(QP_SHARE * loop.kkt.residual, CG_TOLERANCE), LOOSEST_QP)
         return replace(qp, linear=qp.product(loop.phi) - loop.gradient, tolerance=tolerance)
 
-    def _solve(self, loop, phi):
-        """Solve the state problem, to a tolerance that follows the gain of the last step."""
+    def _solve(self, loop, phi, start=None):
+        """Solve the state problem, to a tolerance that follows the gain of the last step.
+
+        The iterations start from the displacements `start`, the loop's if not given.
+        """
         rows, tolerance = loop.rows, self.settings.state_tolerance
         gain = 1.0
         if len(rows) > 1:
             gain = abs(1.0 - rows[-1].objective_J / rows[-2].objective_J)
             tolerance = min(tolerance, max(1e-2 * np.sqrt(gain), FINEST_TOLERANCE))
-        state = self.model.solve(phi, loop.state.displacements, tolerance)
+        start = loop.state.displacements if start is None else start
+        state = self.model.solve(phi, start, tolerance)
         if state.compliance_error > 0.01 * gain * abs(loop.objective):
             tolerance = max(1e-2 * tolerance, FINEST_TOLERANCE)
             state = self.model.solve(phi, state.displacements, tolerance)

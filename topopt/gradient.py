@@ -34,6 +34,32 @@ def compliance_gradient(model, phi, state):
     return gradient
 
 
+def curvature_along(model, phi, state, direction, response):
+    """Second derivative F''(phi) d (n,) [J] of the compliance along a direction d (n,).
+
+    Parameters
+    ----------
+    model, phi, state
+        As in `compliance_gradient`.
+    direction : (n,) float array
+    response : Response
+        The model's, for the state and the direction.
+
+    Notes
+    -----
+    The gradient's terms are at most quadratic in phi, so that central differences are exact.
+    """
+    tets = model.mesh.tets
+    weights = -(1.0 - model.material.void_ratio) * model.volumes
+    still, moving = weights * state.energy_density, weights * response.energy_density
+    ahead = mean_cube_pullback(phi + direction, tets, still)
+    behind = mean_cube_pullback(phi - direction, tets, still)
+    result = 0.5 * (ahead - behind) + mean_cube_pullback(phi, tets, moving)
+    if np.any(model.gravity):
+        result += 2.0 * model.body_force_work(model.weighted_displacement(response))
+    return result
+
+
 def concavity(model, phi, state):
     """Row sums (n,) [J] of the second derivative of int (1 - r) phi^3 w at fixed displacement.
 

@@ -25,6 +25,12 @@ def stiffness_factor(phi, tets, void_ratio):
     return void_ratio + (1.0 - void_ratio) * mean_cube(phi, tets)
 
 
+def stiffness_slope(phi, direction, tets, void_ratio):
+    """Derivative (m,) of `stiffness_factor` at phi (n,) along a direction (n,)."""
+    forward, backward = mean_cube(phi + direction, tets), mean_cube(phi - direction, tets)
+    return (1.0 - void_ratio) * (0.5 * (forward - backward) - mean_cube(direction, tets))
+
+
 def mean_cube_pullback(phi, tets, weights):
     """Return sum over tets e of weights[e] * d mean(phi^3)_e / d phi_i at every node i: (n,).
 

@@ -54,7 +54,7 @@ def solve_step(qp, start):
     if qp.volume is None:
         return solve_box(exact, start)
     guess, kappa = first_guess(qp, start)
-    solution = active_set_iteration(qp, sets_of(qp, guess), guess, kappa)
+    solution = active_set_iteration(qp, sets_of(qp, guess), guess)
     return solve_globalised(exact, guess, kappa) if solution is None else solution
 
 
@@ -64,7 +64,7 @@ def first_guess(qp, start):
     return project_in_metric(linear, qp.jacobi, qp.mass, qp.volume, qp.lower, qp.upper)
 
 
-def active_set_iteration(qp, sets, x, kappa):
+def active_set_iteration(qp, sets, x):
     """Run the plain strategy from the given sets.
 
     Returns
@@ -72,11 +72,11 @@ def active_set_iteration(qp, sets, x, kappa):
     StepSolution or None
         None if the sets repeat without standing still, or no node is inactive.
     """
-    seen, direction = set(), None
+    seen = set()
     for iteration in range(1, MAX_ITERATIONS + 1):
         if not np.any(sets == 0):
             return None
-        x, kappa, direction = solve_equality(qp, sets, x, kappa, direction)
+        x, kappa = solve_equality(qp, sets, x)
         mu = np.where(sets != 0, qp.multiplier(x, kappa) / qp.mass, 0.0)
         updated = update_sets(qp, x, mu)
         if np.array_equal(updated, sets):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from meshes.errors import InvalidCase
-from topopt.pdas_kernels import projected_volume
+from topopt.projection_kernels import projected_volume
 
 VOLUME_TOLERANCE = 1e-15
 

@@ -21,7 +21,7 @@ LEAST_STEP = 1e-14  # of s.B0 s, in units of the largest; below, a pair is round
 
 @dataclass(frozen=True, eq=False)
 class Secants:
-    """The last steps and the changes of the gradient along them, oldest first.
+    """The last directions and the changes of the gradient along them, oldest first.
 
     Parameters
     ----------

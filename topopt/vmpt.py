@@ -6,6 +6,10 @@ gamma eps (grad, grad) + D, and a low-rank part that makes it agree with how the
 along the last steps (limited-memory BFGS, `topopt.secants`). The active sets of the programme are
 those of box and volume, so that near a solution the method is a quasi-Newton one.
 
+What past steps tell is not what the next one needs to know. So before a step is taken, the
+programme's solution d is asked for J''(phi) d, which one more right side of the state problem
+answers; the pair joins the metric, and the programme is solved again (`PRODUCTS` times).
+
 Notes
 -----
 L. Blank, C. Rupprecht, An extension of the projected gradient method to a Banach space setting
@@ -17,11 +21,13 @@ from dataclasses import replace
 import numpy as np
 
 from topopt.flow import LEAST_DECREASE, Flow
-from topopt.gradient import concavity
+from topopt.gradient import concavity, curvature_along
 from topopt.pdas import solve_step
 from topopt.secants import Secants
 from topopt.step_control import sufficient_decrease
 
+PRODUCTS = 2  # with J'' in a step, at most
+RESPONSE_TOLERANCE = 0.05  # relative residual: J'' d is off by as much, d.J'' d by its square
 MAX_TRIALS = 12
 LEAST_CUT, MOST_CUT = 0.5, 0.1  # how much of a refused step the next trial keeps
 
@@ -40,21 +46,20 @@ class ProjectedGradient(Flow):
         """One step in the metric that the secants give, or None if J cannot be made to fall."""
         rule = loop.rule
         metric = rule.metric(self.mass, concavity(self.model, loop.phi, loop.state))
-        programme = self._programme(loop, metric, secants)
-        step = solve_step(programme, loop.phi)
+        step, secants, trial = self._informed_step(loop, metric, secants)
         direction = step.x - loop.phi
         slope = float(loop.gradient @ direction)
         if not slope < -LEAST_DECREASE * abs(loop.objective):
             return None
-        share, iterations = 1.0, 0
+        share, iterations = 1.0, trial.iterations
         for rejected in range(MAX_TRIALS):
             phi = step.x if rejected == 0 else self._between(loop.phi, direction, share)
-            state = self._solve(loop, phi)
+            state = self._solve(loop, phi, trial.displacements(direction, share))
             iterations += state.iterations
             after = self.objective(phi, state)
             if sufficient_decrease(loop.objective, after, share * slope):
                 rule = rule.accepted(first_try=True) if rejected == 0 else rule
-                effort = (rejected, step.iterations, iterations)
+                effort = (rejected, trial.systems, iterations)
                 tau = self._tau(metric)
                 there = self._arrive(phi, state, rule, loop.history, secants, tau, effort)
                 pair = there.phi - loop.phi, there.gradient - loop.gradient
@@ -63,9 +68,72 @@ class ProjectedGradient(Flow):
             rule = rule.rejected()
         return None
 
+    def _informed_step(self, loop, metric, secants):
+        """The step of the programme whose metric knows how J bends along the steps before it.
+
+        Returns
+        -------
+        step : StepSolution
+        secants : Secants
+            Those given, and the pairs found on the way.
+        found : Foresight
+        """
+        found, start = Foresight(self.mass, loop.state.displacements), loop.phi
+        for asked in range(PRODUCTS + 1):
+            programme = self._programme(loop, metric, secants)
+            step = solve_step(programme, start)
+            start = step.x
+            found.systems += step.iterations
+            direction = step.x - loop.phi
+            slope = float(loop.gradient @ direction)
+            if asked == PRODUCTS or not slope < -LEAST_DECREASE * abs(loop.objective):
+                break
+            bend, response = self.curvature_along(loop, direction)
+            found.add(direction, response)
+            secants = secants.after(direction, bend)
+        return step, secants, found
+
+    def curvature_along(self, loop, direction):
+        """J''(phi) d (n,) along a direction d (n,), and the model's Response to it."""
+        response = self.model.response(loop.phi, loop.state, direction, RESPONSE_TOLERANCE)
+        elastic = curvature_along(self.model, loop.phi, loop.state, direction, response)
+        change = self.energy.gradient(loop.phi + direction) - self.energy.gradient(loop.phi)
+        return elastic + self.gamma * change, response
+
     def _between(self, phi, direction, share):
         """The field at a share of the way, within the bounds to the last bit."""
         return np.clip(phi + share * direction, self.lower, self.upper)
+
+
+class Foresight:
+    """What the products of one step told: the displacements' responses, and the work done.
+
+    Parameters
+    ----------
+    mass : (n,) float array
+    displacements : (c, n, 3) float array
+        Where the step starts.
+    """
+
+    def __init__(self, mass, displacements):
+        self._mass, self._start = mass, displacements
+        self._directions, self._responses = [], []
+        self.iterations = self.systems = 0
+
+    def add(self, direction, response):
+        """Remember a direction (n,) and the Response to it."""
+        self._directions.append(direction)
+        self._responses.append(response.displacements)
+        self.iterations += response.iterations
+
+    def displacements(self, direction, share):
+        """First-order guess (c, n, 3) of the displacements at a share of the way along a step."""
+        if not self._directions:
+            return self._start
+        known = np.stack(self._directions)
+        gram = (known * self._mass) @ known.T
+        shares = np.linalg.lstsq(gram, known @ (self._mass * direction), rcond=1e-10)[0]
+        return self._start + np.tensordot(share * shares, np.stack(self._responses), axes=1)
 
 
 def cut(slope, change):

@@ -53,11 +53,14 @@ def solve_qp_by_bisection(qp):
     return minimiser(kappa), kappa
 
 
-def multiply_rows(indptr, indices, data, coupling, diagonal, rows, x, out):
+def multiply(indptr, indices, data, coupling, diagonal, learned, lifted, x):
     """Twin of the kernel: one entry at a time."""
-    for i in rows:
+    out = np.zeros(len(x))
+    for i in range(len(x)):
         row = range(indptr[i], indptr[i + 1])
         out[i] = diagonal[i] * x[i] + coupling * sum(data[k] * x[indices[k]] for k in row)
+        out[i] += sum(float(w) * c for w, c in zip(learned[:, i], lifted, strict=True))
+    return out
 
 
 def project_by_bisection(linear, diagonal, mass, volume, lower, upper):

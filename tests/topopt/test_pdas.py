@@ -1,5 +1,8 @@
 """The step's quadratic programme against an independent solver, and the road to its solution."""
 
+from dataclasses import replace
+
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,11 +13,12 @@ from meshes.errors import InvalidCase, NotConverged
 from meshes.structured import bcc_box
 from tests.topopt import reference_optimizer as reference
 from topopt import pdas
-from topopt import pdas_kernels as kernels
 from topopt.box_qp import StepQP, meet_volume, sets_of, solve_globalised
 from topopt.ginzburg_landau import GinzburgLandau
 from topopt.pdas import active_set_iteration, solve_step
 from topopt.projection import project_in_metric, project_volume
+from topopt.reduced_system import ReducedSystem
+from topopt.secants import Secants, low_rank_part
 
 MESH = bcc_box((0, 0, 0), (3, 1, 1), (5, 2, 1))
 ENERGY = GinzburgLandau(MESH, 0.3)
@@ -131,7 +135,7 @@ def test_bad_first_sets_fail_and_the_fallback_does_not():
         qp, phi = mesh_qp(30.0, seed)
         rng = np.random.default_rng(seed)
         sets = np.where(phi > 0.5, 1, -1) * (rng.uniform(size=len(phi)) > 0.1)
-        if active_set_iteration(qp, sets.astype(np.int8), phi, 0.0) is None:
+        if active_set_iteration(qp, sets.astype(np.int8), phi) is None:
             failed += 1
             exact = reference.solve_qp_by_bisection(qp)[0] if failed == 1 else None
             check(qp, solve_globalised(qp, phi, 0.0), exact)
@@ -142,7 +146,7 @@ def test_empty_inactive_set_goes_to_the_fallback():
     """All nodes guessed active: kappa would be 0/0."""
     qp, phi = mesh_qp(0.3)
     sets = np.where(phi > 0.5, 1, -1).astype(np.int8)
-    assert active_set_iteration(qp, sets, phi, 0.0) is None
+    assert active_set_iteration(qp, sets, phi) is None
     check(qp, solve_globalised(qp, phi, 0.0), reference.solve_qp_by_bisection(qp)[0])
 
 
@@ -214,22 +218,52 @@ def test_scaling_the_programme_changes_nothing():
         np.testing.assert_array_equal(solve_step(scaled, phi).x, plain.x)
 
 
-def test_kernels_match_their_twins_and_threads_change_no_bit():
+def with_low_rank(qp, phi, count=5):
+    """The same programme where the metric knows of a few past steps."""
+    steps = np.random.default_rng(7).normal(size=(count, len(phi)))
+    changes = qp.mass * steps * np.linspace(0.05, 40.0, len(phi))
+    parts = low_rank_part(Secants(steps, changes), qp.stiffness, qp.coupling, qp.diagonal)
+    return replace(qp, learned=parts[0], core=parts[1])
+
+
+@pytest.mark.parametrize("learned", [False, True])
+def test_products_match_their_twin(learned):
     qp, phi = mesh_qp(3.0)
+    qp = with_low_rank(qp, phi) if learned else qp
+    expected = reference.multiply(*qp.matrix, qp.learned, qp.core @ (qp.learned @ phi), phi)
+    np.testing.assert_allclose(qp.product(phi), expected, rtol=1e-11)
+
+
+@pytest.mark.parametrize("learned", [False, True])
+def test_reduced_systems_against_dense_ones(learned):
+    """The answers with and without the plane; threads change no bit."""
+    qp, phi = mesh_qp(3.0)
+    qp = with_low_rank(qp, phi) if learned else qp
     rows = np.flatnonzero(MESH.points[:, 0] < 1.3).astype(np.int32)
-    out, expected = np.zeros((2, len(phi)))
-    kernels.multiply_rows(*qp.matrix, rows, phi, out)
-    reference.multiply_rows(*qp.matrix, rows, phi, expected)
-    np.testing.assert_allclose(out, expected, rtol=1e-13)
-    hessian = reference.dense_hessian(qp)[np.ix_(rows, rows)]
-    right = np.zeros((len(phi), 2))
-    right[rows] = np.random.default_rng(0).normal(size=(len(rows), 2))
-    results = []
-    for kernel in (kernels.conjugate_gradients.serial, kernels.conjugate_gradients.parallel):
-        x, work = np.zeros_like(right), np.zeros((2, *right.shape))
-        bound = np.full(2, 1e-13)
-        arguments = (qp.jacobi, rows, x, right.copy(), work, bound, 500)
-        assert 0 < kernel(*qp.matrix, *arguments) < 200
-        np.testing.assert_allclose(x[rows], np.linalg.solve(hessian, right[rows]), atol=1e-10)
-        results.append(x)
-    np.testing.assert_array_equal(*results)
+    hessian, mass = reference.dense_hessian(qp)[np.ix_(rows, rows)], qp.mass[rows]
+    right = np.random.default_rng(0).normal(size=len(rows))
+    system = ReducedSystem(qp, rows)
+    np.testing.assert_allclose(system.solve(right, 1.0), np.linalg.solve(hessian, right), atol=1e-9)
+    bordered = np.block([[hessian, mass[:, None]], [mass[None], np.zeros((1, 1))]])
+    exact = np.linalg.solve(bordered, np.append(right, 0.0))
+    answer = system.precondition(mass)
+    before, results = numba.get_num_threads(), []
+    try:
+        for threads in {1, min(2, numba.config.NUMBA_NUM_THREADS)}:
+            numba.set_num_threads(threads)
+            x, kappa = system.solve_in_plane(right, answer)
+            np.testing.assert_allclose(np.append(x, kappa), exact, atol=1e-9)
+            assert abs(mass @ x) < 1e-14 * mass.sum()
+            results.append(x.tobytes())
+    finally:
+        numba.set_num_threads(before)
+    assert len(set(results)) == 1
+
+
+def test_a_matrix_that_is_not_definite_is_refused():
+    qp, _ = mesh_qp(3.0)
+    lowered = -0.5 * qp.coupling * qp.stiffness.diagonal()
+    rows = np.arange(len(qp.mass), dtype=np.int32)
+    system = ReducedSystem(replace(qp, diagonal=lowered), rows)
+    with pytest.raises(NotConverged):
+        system.solve(np.ones(len(rows)), 1.0)
