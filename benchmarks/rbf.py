@@ -218,17 +218,16 @@ def kernel_limit(surface, queries):
     import numpy as np
     from scipy.spatial import cKDTree
 
-    from rbf.sum_kernels import aligned, value_and_gradient
+    from rbf.sum_kernels import line_start, value_and_gradient
 
     @numba.njit
     def repeat(form, times, centres):
-        total, size = 0.0, centres.shape[1]
+        total, begin = 0.0, line_start(centres)
         for k in range(times):
-            total += value_and_gradient(form, centres, size, 1e-4 * k, 0.5, 0.5)[0]
+            total += value_and_gradient(form, centres, begin, begin + 160, 1e-4 * k, 0.5, 0.5)[0]
         return total
 
-    centres = aligned(7, 160)
-    centres[:] = np.random.default_rng(0).random(centres.shape)
+    centres = np.random.default_rng(0).random((7, 168))
     repeat(surface._form, 1, centres)
     _, wall, _ = timed(lambda: repeat(surface._form, 20_000, centres), 3)
     pairs = cKDTree(queries).count_neighbors(cKDTree(surface.points), surface.support_radius)
@@ -293,7 +292,7 @@ def surface_twin():
             out[q, 0], out[q, 1], out[q, 2], out[q, 3] = value, gx, gy, gz
 
     def evaluate(at):
-        x = surface._scaled(at)
+        x = (at - surface._origin) / radius
         lists = tree.query_ball_point(x, 1.0, workers=-1)
         starts = np.concatenate([[0], np.cumsum([len(found) for found in lists])])
         neighbours = np.concatenate([np.asarray(found, np.int64) for found in lists])

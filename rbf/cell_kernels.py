@@ -12,7 +12,9 @@ from numba import njit
 from rbf.profiles import OPTIONS
 
 CELLS_PER_SUPPORT = 2.0  # cells of half a support radius
-REACH = 2  # a support ends within this many cells; the projection looks one farther
+# A support ends within this many cells; the projection looks one farther. (Typed: a plain number
+# would be a type of its own to the compiler, and every function compiled for each.)
+REACH, ONE = np.int64(2), np.int64(1)
 MARGIN = 2 * REACH + 2  # empty cells kept around the points, so that indices stay positive
 LARGEST_INDEX = 2**21 - 1
 OUTSIDE = -1  # key of a query farther than REACH cells from every point, or not finite
@@ -22,16 +24,30 @@ _HASH = np.uint64(0x9E3779B97F4A7C15)
 
 
 @njit(**OPTIONS)
-def cell_keys(points, lower, upper_index, keys):
-    """Write the packed cell key of each point (n, 3) into keys (n,); OUTSIDE where too far."""
-    for p in range(points.shape[0]):
+def cell_keys(first, last, points, origin, unit, lower, upper_index, scaled, keys):
+    """Points first to last in units of the grid, and their packed cell keys.
+
+    Parameters
+    ----------
+    points : (n, 3) float array
+    origin, unit : (3,) float array, float
+        What is 0 and what is 1 in `scaled`.
+    lower, upper_index : (3,) arrays
+        Of the `CellGrid`.
+    scaled : (n, 3) float array
+        Result.
+    keys : (n,) int64 array
+        Result; OUTSIDE where too far.
+    """
+    for p in range(first, last):
         key = np.int64(0)
         for axis in range(3):
-            place = (points[p, axis] - lower[axis]) * CELLS_PER_SUPPORT + MARGIN
+            scaled[p, axis] = (points[p, axis] - origin[axis]) / unit
+            place = (scaled[p, axis] - lower[axis]) * CELLS_PER_SUPPORT + MARGIN
             if not (place >= MARGIN - REACH and place < upper_index[axis] + REACH + 1):
                 key = np.int64(OUTSIDE)
-                break
-            key = (key << 21) | np.int64(place)
+            if key != OUTSIDE:
+                key = (key << 21) | np.int64(place)
         keys[p] = key
 
 

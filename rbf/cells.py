@@ -4,6 +4,9 @@ import numpy as np
 
 from meshes import InvalidCase
 from rbf import cell_kernels as kernels
+from rbf.threads import in_parts
+
+POINTS = 10_000  # whose keys are worth a thread
 
 
 class CellGrid:
@@ -41,8 +44,7 @@ class CellGrid:
                 "support_radius"
             )
         self.upper_index = np.floor(spread).astype(np.int64) + kernels.MARGIN
-        keys = np.empty(len(points), np.int64)
-        kernels.cell_keys(points, self.lower, self.upper_index, keys)
+        _, keys = self._keys(points, np.zeros(3), 1.0)
         self.order = np.lexsort((self._octants(points), keys))
         self.keys, self.starts = _runs(keys[self.order])
         columns, column_start = _runs(self.keys >> 21)
@@ -57,16 +59,27 @@ class CellGrid:
         half = np.floor((points - self.lower) * (2.0 * kernels.CELLS_PER_SUPPORT)).astype(np.int64)
         return (half & 1) @ np.array([4, 2, 1])
 
-    def bin_queries(self, points):
-        """Bin query points (n, 3): (order, keys, starts) as above, for this grid's cells.
+    def bin_queries(self, points, origin=(0.0, 0.0, 0.0), unit=1.0):
+        """Bin query points (n, 3) for this grid's cells.
 
-        Queries out of reach of every point are collected under the key OUTSIDE, which comes first.
+        Returns
+        -------
+        scaled : (n, 3) float array
+            (points - origin) / unit, the queries in units of the grid.
+        order, keys, starts : arrays
+            As those of the grid's points. Queries out of reach of every point are collected under
+            the key OUTSIDE, which comes first.
         """
-        keys = np.empty(len(points), np.int64)
-        kernels.cell_keys(points, self.lower, self.upper_index, keys)
+        scaled, keys = self._keys(points, np.array(origin), unit)
         order = np.argsort(keys)
         cells, starts = _runs(keys[order])
-        return order, cells, starts
+        return scaled, order, cells, starts
+
+    def _keys(self, points, origin, unit):
+        scaled, keys = np.empty((len(points), 3)), np.empty(len(points), np.int64)
+        place = points, origin, float(unit), self.lower, self.upper_index
+        in_parts(kernels.cell_keys, len(points), *place, scaled, keys, least=POINTS)
+        return scaled, keys
 
 
 def _runs(values):

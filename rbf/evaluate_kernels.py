@@ -12,7 +12,7 @@ from numba import njit
 from rbf.cell_kernels import MAX_RUNS, OUTSIDE, REACH, neighbour_runs
 from rbf.lanes import below, compress, count_bits, load, magnitude, positive, spread, store
 from rbf.profiles import OPTIONS
-from rbf.sum_kernels import aligned, value_and_gradient
+from rbf.sum_kernels import line_start, value_and_gradient
 
 LANES = 8  # centres at a time; arrays of centres are longer by as many
 FAR = 1e3  # where padding centres lie, in support radii
@@ -32,11 +32,11 @@ def bounds(points, order, first, last, box):
 @njit(**OPTIONS)
 def room(runs, near):
     """`near`, or a longer array if the centres of the runs (k, 2) might not fit into it."""
-    needed = LANES
+    needed = 2 * LANES
     for run in range(runs.shape[0]):
         needed += runs[run, 1] - runs[run, 0]
     if near.shape[1] < needed:
-        return aligned(near.shape[0], 2 * needed // LANES * LANES)
+        return np.empty((near.shape[0], 2 * needed // LANES * LANES))
     return near
 
 
@@ -55,10 +55,11 @@ def gather(runs, box, radius, centres, near):
 
     Returns
     -------
-    count : int
-        A multiple of LANES: the last ones may have weight 0 and lie far away.
+    begin, end : int
+        The columns filled, a multiple of LANES: the last ones may have weight 0 and lie far away.
     """
-    count = 0
+    begin = line_start(near)
+    free = begin
     limit = radius * radius
     for run in range(runs.shape[0]):
         start, end = runs[run, 0], runs[run, 1]
@@ -69,11 +70,11 @@ def gather(runs, box, radius, centres, near):
             inside = below(dx * dx + (dy * dy + dz * dz), limit)
             inside &= (1 << min(end - j, LANES)) - 1
             for row in range(near.shape[0]):
-                store(compress(load(centres, row, j), inside), near, row, count)
-            count += count_bits(inside)
+                store(compress(load(centres, row, j), inside), near, row, free)
+            free += count_bits(inside)
     for row in range(near.shape[0]):
-        store(spread(FAR + box[0, row] if row < 3 else 0.0), near, row, count)
-    return (count + LANES - 1) // LANES * LANES
+        store(spread(FAR + box[0, row] if row < 3 else 0.0), near, row, free)
+    return begin, begin + (free - begin + LANES - 1) // LANES * LANES
 
 
 @njit(**OPTIONS)
@@ -89,7 +90,9 @@ def list_runs(first, last, keys, grid, run_start, stored):
         if stored.size == 0:
             run_start[cell + 1] = count
         else:
-            stored[run_start[cell] : run_start[cell + 1]] = runs[:count]
+            for run in range(count):
+                stored[run_start[cell] + run, 0] = runs[run, 0]
+                stored[run_start[cell] + run, 1] = runs[run, 1]
 
 
 @njit(**OPTIONS)
@@ -129,7 +132,7 @@ def evaluate(
         Results.
     """
     found, box = np.empty((MAX_RUNS, 2), np.int64), np.empty((2, 3))
-    near = aligned(centres.shape[0], 512)
+    near = np.empty((centres.shape[0], 512))
     for cell in range(first_cell, last_cell):
         first, last = starts[cell], starts[cell + 1]
         if keys[cell] == OUTSIDE:
@@ -143,11 +146,11 @@ def evaluate(
             runs = found[: neighbour_runs(keys[cell], REACH, grid, found)]
         bounds(points, order, first, last, box)
         near = room(runs, near)
-        count = gather(runs, box, 1.0, centres, near)
+        begin, end = gather(runs, box, 1.0, centres, near)
         for place in range(first, last):
             p = order[place]
             x, y, z = points[p, 0], points[p, 1], points[p, 2]
-            v, gx, gy, gz, support = value_and_gradient(form, near, count, x, y, z)
+            v, gx, gy, gz, support = value_and_gradient(form, near, begin, end, x, y, z)
             if support > 0.0:
                 values[p] = v
                 gradients[p, 0], gradients[p, 1], gradients[p, 2] = gx, gy, gz

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from rbf.cell_kernels import MAX_RUNS, neighbour_runs
+from rbf.cell_kernels import MAX_RUNS, ONE, neighbour_runs
 from rbf.profiles import OPTIONS, wendland_chain, wendland_value
 from rbf.sum_kernels import HermiteSum
 
@@ -47,7 +47,7 @@ def choose_columns(first_group, last_group, keys, cells, grid, sites, group_star
         first, last = group_start[group], group_start[group + 1]
         limit = columns.shape[1] - (last - first)
         count = 0
-        for run in range(neighbour_runs(keys[cells[group]], 1, grid, runs)):
+        for run in range(neighbour_runs(keys[cells[group]], ONE, grid, runs)):
             for j in range(runs[run, 0], min(runs[run, 1], first)):
                 nearest = np.inf
                 for i in range(first, last):
@@ -161,26 +161,27 @@ def cholesky(block, size, width, inverse_diagonal):
 
 @njit(**OPTIONS)
 def last_inverse_rows(block, size, wanted, inverse_diagonal, inverse):
-    """The last rows of the inverse of U^T, as columns: inverse (size, wanted padded to LANES)."""
+    """The last `wanted` rows of the inverse of U^T, as columns of `inverse`, padded to LANES."""
+    padded = UNSIGNED((wanted + LANES - 1) // LANES * LANES)
     for k in range(size - 1, -1, -1):
-        for u in range(inverse.shape[1]):
+        for u in range(padded):
             inverse[k, u] = 0.0
         if k >= size - wanted:
             inverse[k, k - (size - wanted)] = 1.0
         singles = k + 1 + (size - k - 1) % PANEL
         for j in range(k + 1, singles):
-            for u in range(inverse.shape[1]):
+            for u in range(padded):
                 inverse[k, u] -= block[k, j] * inverse[j, u]
         for j in range(singles, size, PANEL):
             wa, wb, wc, wd = block[k, j], block[k, j + 1], block[k, j + 2], block[k, j + 3]
-            for u in range(inverse.shape[1]):
+            for u in range(padded):
                 inverse[k, u] -= (
                     wa * inverse[j, u]
                     + wb * inverse[j + 1, u]
                     + wc * inverse[j + 2, u]
                     + wd * inverse[j + 3, u]
                 )
-        for u in range(inverse.shape[1]):
+        for u in range(padded):
             inverse[k, u] *= inverse_diagonal[k]
 
 
@@ -226,16 +227,15 @@ def factor_groups(
         Number of bad pivots of each group.
     """
     largest = (columns.shape[1] * m + LANES - 1) // LANES * LANES
-    whole, inverse_diagonal = np.empty(largest * largest), np.empty(largest)
-    other, near = np.empty(largest * largest), np.empty((6, columns.shape[1]))
+    block, inverse = np.empty((largest, largest)), np.empty((largest, largest))
+    inverse_diagonal, near = np.empty(largest), np.empty((6, columns.shape[1]))
     for group in range(first_group, last_group):
         size = counts[group] * m
         wanted = (group_start[group + 1] - group_start[group]) * m
         width = (size + LANES - 1) // LANES * LANES
-        padded = (wanted + LANES - 1) // LANES * LANES
-        block = whole[: width * width].reshape(width, width)
-        inverse = other[: size * padded].reshape(size, padded)
-        block[:] = 0.0
+        for k in range(width):
+            for j in range(width):
+                block[k, j] = 0.0
         chosen = columns[group, : counts[group]]
         fill_block(form, scale, ridge, positions, normals, chosen, near, block)
         bad[group] = cholesky(block, size, width, inverse_diagonal)

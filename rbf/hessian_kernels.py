@@ -10,14 +10,13 @@ from rbf.cell_kernels import MAX_RUNS, OUTSIDE, REACH, neighbour_runs
 from rbf.evaluate_kernels import bounds, gather, room
 from rbf.lanes import inverse_root, load, positive, spread, total
 from rbf.profiles import OPTIONS, TINY, parts, third, unit
-from rbf.sum_kernels import aligned
 
 
 @njit(**OPTIONS)
-def _hessian(profile, near, count, px, py, pz, out):
+def _hessian(profile, near, begin, end, px, py, pz, out):
     """Second derivatives (3, 3) at one point, from rows x, y, z, a, b; returns the support."""
     xx = yy = zz = xy = xz = yz = support = spread(0.0)
-    for j in range(0, count, 8):
+    for j in range(begin, end, 8):
         dx, dy, dz = px - load(near, 0, j), py - load(near, 1, j), pz - load(near, 2, j)
         squared = dx * dx + (dy * dy + (dz * dz + TINY))
         inverse = inverse_root(squared)
@@ -50,7 +49,7 @@ def hessians(first_cell, last_cell, profile, points, order, keys, starts, centre
     `profile` is that of the form. Centres of values alone have rows of zeros for b.
     """
     found, box = np.empty((MAX_RUNS, 2), np.int64), np.empty((2, 3))
-    near = aligned(centres.shape[0], 512)
+    near = np.empty((centres.shape[0], 512))
     for cell in range(first_cell, last_cell):
         first, last = starts[cell], starts[cell + 1]
         if keys[cell] == OUTSIDE:
@@ -60,9 +59,9 @@ def hessians(first_cell, last_cell, profile, points, order, keys, starts, centre
         runs = found[: neighbour_runs(keys[cell], REACH, grid, found)]
         bounds(points, order, first, last, box)
         near = room(runs, near)
-        count = gather(runs, box, 1.0, centres, near)
+        begin, end = gather(runs, box, 1.0, centres, near)
         for place in range(first, last):
             p = order[place]
             x, y, z = points[p, 0], points[p, 1], points[p, 2]
-            if not _hessian(profile, near, count, x, y, z, results[p]) > 0.0:
+            if not _hessian(profile, near, begin, end, x, y, z, results[p]) > 0.0:
                 results[p] = np.nan

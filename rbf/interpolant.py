@@ -100,9 +100,9 @@ class CompactInterpolant:
 
     def value_and_gradient(self, points):
         """Value (n,) and gradient (n, 3) at points (n, 3); NaN outside the support."""
-        scaled = self._scaled(points)
-        values, gradients = np.empty(len(scaled)), np.empty((len(scaled), 3))
-        self._run(evaluate_kernels.evaluate, scaled, *NO_RUNS, values, gradients)
+        points = _checked(points)
+        values, gradients = np.empty(len(points)), np.empty((len(points), 3))
+        self._run(evaluate_kernels.evaluate, points, *NO_RUNS, values, gradients)
         values *= self._unit
         gradients *= self._unit / self.support_radius
         return values, gradients
@@ -122,12 +122,12 @@ class CompactInterpolant:
                 f"second derivatives do not exist with kernel {self.kernel.name!r}: fit with "
                 f'"wendland_c{needed}" or smoother'
             )
-        scaled = self._scaled(points)
-        results = np.empty((len(scaled), 3, 3))
+        points = _checked(points)
+        results = np.empty((len(points), 3, 3))
         centres = np.zeros((ROWS[HermiteSum], self._centres.shape[1]))
         centres[: len(self._centres)] = self._centres
         profile = self._form.profile
-        self._run(hessian_kernels.hessians, scaled, results, form=profile, centres=centres)
+        self._run(hessian_kernels.hessians, points, results, form=profile, centres=centres)
         results *= self._unit / self.support_radius**2
         return results
 
@@ -227,42 +227,41 @@ class CompactInterpolant:
             int(steps),
             int(refresh_gradient),
         )
-        scaled = self._scaled(points)
+        scaled = _checked(points) - self._origin
+        scaled /= self.support_radius
         taken = np.zeros(len(scaled), np.int64)
         states = np.full((len(scaled), 4), np.nan)
         status = np.full(len(scaled), project_kernels.MOVED)
         waiting = np.arange(len(scaled))
         while len(waiting):
-            part = (scaled[waiting], taken[waiting], states[waiting], status[waiting])
-            self._run(project_kernels.project, part[0], settings, *part[1:])
-            scaled[waiting], taken[waiting], states[waiting], status[waiting] = part
-            waiting = waiting[part[3] == project_kernels.MOVED]
+            part = (taken[waiting], states[waiting], status[waiting])
+            place = {"origin": np.zeros(3), "unit": 1.0}
+            scaled[waiting] = self._run(
+                project_kernels.project, scaled[waiting], settings, *part, **place
+            )
+            taken[waiting], states[waiting], status[waiting] = part
+            waiting = waiting[part[2] == project_kernels.MOVED]
         failed = status != project_kernels.CONVERGED
         normals = states[:, :3] / np.sqrt(states[:, 3:])
         projected = scaled * self.support_radius + self._origin
         projected[failed], normals[failed] = np.nan, np.nan
         return projected, normals, taken
 
-    def _run(self, kernel, scaled, *results, form=None, centres=None):
-        """Run a kernel over the cells of queries (n, 3)."""
-        order, keys, starts = self._grid.bin_queries(scaled)
+    def _run(self, kernel, points, *results, form=None, centres=None, origin=None, unit=None):
+        """Run a kernel over the cells of queries (n, 3); returns them in support radii."""
+        origin = self._origin if origin is None else origin
+        unit = self.support_radius if unit is None else unit
+        scaled, order, keys, starts = self._grid.bin_queries(points, origin, unit)
         form = self._form if form is None else form
         centres = self._centres if centres is None else centres
-        in_parts(
-            kernel,
-            len(keys),
-            form,
-            scaled,
-            order,
-            keys,
-            starts,
-            centres,
-            self._grid.arrays,
-            *results,
-        )
+        place = form, scaled, order, keys, starts, centres, self._grid.arrays
+        in_parts(kernel, len(keys), *place, *results)
+        return scaled
 
-    def _scaled(self, points):
-        points = np.asarray(points, dtype=float)
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise InvalidCase(f"points must have shape (n, 3), got {points.shape}")
-        return (points - self._origin) / self.support_radius
+
+def _checked(points):
+    """Points as contiguous floats (n, 3)."""
+    points = np.ascontiguousarray(points, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InvalidCase(f"points must have shape (n, 3), got {points.shape}")
+    return points

@@ -10,7 +10,7 @@ from numba import njit
 from rbf.cell_kernels import MAX_RUNS, OUTSIDE, REACH, neighbour_runs
 from rbf.evaluate_kernels import bounds, gather, room
 from rbf.profiles import OPTIONS
-from rbf.sum_kernels import aligned, value_and_gradient
+from rbf.sum_kernels import value_and_gradient
 
 MARGIN = 0.1  # how far a query may leave its cell's queries' box, in support radii
 
@@ -68,10 +68,10 @@ def _step(result, box, settings, x, state, step):
 
 
 @njit(**OPTIONS)
-def _walk(form, near, count, box, settings, x, step, state):
+def _walk(form, near, begin, end, box, settings, x, step, state):
     """Move one query x (3,) until it has arrived, failed or left the margin: (status, steps)."""
     while True:
-        result = value_and_gradient(form, near, count, x[0], x[1], x[2])
+        result = value_and_gradient(form, near, begin, end, x[0], x[1], x[2])
         status, moved, away = _step(result, box, settings, x, state, step)
         step += moved
         if not moved or away:
@@ -106,7 +106,7 @@ def project(
         Gradient at the point reached (3 entries), and its squared length.
     """
     found, box = np.empty((MAX_RUNS, 2), np.int64), np.empty((2, 3))
-    near = aligned(centres.shape[0], 512)
+    near = np.empty((centres.shape[0], 512))
     for cell in range(first_cell, last_cell):
         first, last = starts[cell], starts[cell + 1]
         if keys[cell] == OUTSIDE:
@@ -116,9 +116,9 @@ def project(
         runs = found[: neighbour_runs(keys[cell], REACH + 1, grid, found)]
         bounds(points, order, first, last, box)
         near = room(runs, near)
-        count = gather(runs, box, 1.0 + MARGIN, centres, near)
+        begin, end = gather(runs, box, 1.0 + MARGIN, centres, near)
         for place in range(first, last):
             p = order[place]
             status[p], steps[p] = _walk(
-                form, near, count, box, settings, points[p], steps[p], states[p]
+                form, near, begin, end, box, settings, points[p], steps[p], states[p]
             )

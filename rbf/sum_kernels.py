@@ -3,13 +3,12 @@
     S = sum_j a_j phi(r_j) + f1(r_j) b_j.d_j,      d_j = x - x_j in units of the support radius
     grad S = sum_j (a_j f1 + f2 b_j.d_j) d_j + f1 b_j
 
-Eight centres at a time run through the vector registers. Their arrays should begin at a cache line
-(`aligned`): loads that straddle two lines cost a third of the speed.
+Eight centres at a time run through the vector registers. They should begin at a cache line (see
+`line_start`): loads that straddle two lines cost a third of the speed.
 """
 
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 from numba.extending import overload
 
@@ -80,16 +79,16 @@ def _add_centres(form, near, j, x, y, z, sums):
 
 
 @njit(**OPTIONS)
-def value_and_gradient(form, near, count, x, y, z):
+def value_and_gradient(form, near, begin, end, x, y, z):
     """S and its gradient at one point.
 
     Parameters
     ----------
     form : HermiteSum or ValueSum
-    near : (7 or 4, count or more) float array
+    near : (7 or 4, m) float array
         See the form.
-    count : int
-        Number of centres, a multiple of 8.
+    begin, end : int
+        The columns of the centres, a multiple of 8 of them.
     x, y, z : float
 
     Returns
@@ -99,7 +98,7 @@ def value_and_gradient(form, near, count, x, y, z):
     """
     zero = spread(0.0)
     sums = zero, zero, zero, zero, zero
-    for j in range(0, count, 8):
+    for j in range(begin, end, 8):
         sums = add_centres(form, near, j, x, y, z, sums)
     v, gx, gy, gz, support = sums
     u = unit(form.profile)
@@ -107,8 +106,6 @@ def value_and_gradient(form, near, count, x, y, z):
 
 
 @njit(**OPTIONS)
-def aligned(rows, columns):
-    """An empty array (rows, columns) that begins at a cache line; columns a multiple of 8."""
-    flat = np.empty(rows * columns + 8)
-    start = -(flat.ctypes.data // 8) % 8
-    return flat[start : start + rows * columns].reshape(rows, columns)
+def line_start(near):
+    """The first column of an array at which a cache line begins (its rows a multiple of 8)."""
+    return -(near.ctypes.data // 8) % 8

@@ -16,7 +16,7 @@ PARTS_PER_THREAD = 8  # so that threads end together though some parts take long
 _pools = {}
 
 
-def in_parts(kernel, count, *arguments):
+def in_parts(kernel, count, *arguments, least=LEAST):
     """kernel(first, last, *arguments) for ranges that make up range(count), on all threads.
 
     Parameters
@@ -25,12 +25,14 @@ def in_parts(kernel, count, *arguments):
         Compiled with `nogil`; an item's results must not depend on the range it is part of.
     count : int
     *arguments
+    least : int
+        Items worth a thread.
 
     Notes
     -----
     As many threads as numba has been given (`numba.set_num_threads`).
     """
-    threads = min(numba.get_num_threads(), count // LEAST)
+    threads = min(numba.get_num_threads(), count // least)
     if threads < 2:
         kernel(0, count, *arguments)
         return

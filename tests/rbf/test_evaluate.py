@@ -26,7 +26,7 @@ CASES = [
 def evaluate(kernel, hermite, queries, centres):
     """The compiled sum for centres (m, 7) in any order."""
     grid, form = CellGrid(centres[:, :3]), sum_form(kernel.order, hermite)
-    order, keys, starts = grid.bin_queries(queries)
+    queries, order, keys, starts = grid.bin_queries(queries)
     rows = np.zeros((ROWS[type(form)], len(centres) + LANES))
     rows[:, : len(centres)] = centres[grid.order, : len(rows)].T
     values, gradients = np.empty(len(queries)), np.empty((len(queries), 3))
