@@ -305,10 +305,11 @@ class ElasticModel:
         tets, r = self.mesh.tets, self.material.void_ratio
         self._prepare(phi, stiffness_factor(phi, tets, r))
         slope = stiffness_slope(phi, direction, tets, r)
-        weight = self.body_force(direction)
         displacements, iterations, density = [], 0, np.zeros(len(tets))
         for case, u in zip(self.conditions.cases, state.displacements, strict=True):
-            forces = weight * case.gravity - self._stress_forces(u, slope)
+            forces = -self._stress_forces(u, slope)
+            if case.gravity and np.any(self.gravity):
+                forces += self.body_force(direction)
             change, _, solution = self._solve(forces, None, tolerance)
             bend = self.energy_density(u + change) - self.energy_density(u - change)
             density += 0.5 * case.weight * bend  # w is quadratic

@@ -23,6 +23,7 @@ from topopt.box_qp import (
 from topopt.projection import project_in_metric
 
 MAX_ITERATIONS = 30
+NEAR = 100.0  # tolerances of the linear systems: what the sets may still be off by
 
 
 def solve_step(qp, start):
@@ -77,16 +78,28 @@ def active_set_iteration(qp, sets, x):
         if not np.any(sets == 0):
             return None
         x, kappa = solve_equality(qp, sets, x)
-        mu = np.where(sets != 0, qp.multiplier(x, kappa) / qp.mass, 0.0)
+        multiplier = qp.multiplier(x, kappa)
+        mu = np.where(sets != 0, multiplier / qp.mass, 0.0)
         updated = update_sets(qp, x, mu)
-        if np.array_equal(updated, sets):
-            return StepSolution(meet_volume(qp, x), kappa, mu, sets, iteration, False)
+        if np.array_equal(updated, sets) or is_near(qp, x, multiplier):
+            x = meet_volume(qp, np.clip(x, qp.lower, qp.upper))
+            sets = sets_of(qp, x)
+            mu = np.where(sets != 0, multiplier / qp.mass, 0.0)
+            return StepSolution(x, kappa, mu, sets, iteration, False)
         digest = blake2b(updated.tobytes(), digest_size=16).digest()
         if digest in seen:
             return None
         seen.add(digest)
         sets = updated
     return None
+
+
+def is_near(qp, x, multiplier):
+    """Whether only nodes within the accuracy asked for would still change sets."""
+    within = np.clip(x, qp.lower, qp.upper)
+    moved = np.clip(within + multiplier / qp.jacobi, qp.lower, qp.upper)
+    off = max(float(np.abs(x - within).max()), float(np.abs(moved - within).max()))
+    return off <= NEAR * qp.tolerance * float(np.max(qp.upper - qp.lower))
 
 
 def update_sets(qp, x, mu):

@@ -68,20 +68,27 @@ def low_rank_part(secants, stiffness, coupling, diagonal):
     limited memory methods, Math. Programming 63 (1994), theorem 2.3; damping: M. Powell (1978).
     """
     s, y = secants.steps, secants.changes
-    base = diagonal * s + coupling * (stiffness @ s.T).T
+    base = coupling * (stiffness @ s.T).T
+    base += diagonal * s
     sbs, sy = gram(s, base), gram(s, y)
     bent, seen = np.diag(sbs), np.diag(sy)
-    keep = bent > LEAST_STEP * bent.max()
+    keep = np.flatnonzero(bent > LEAST_STEP * bent.max())
     gap = np.where(bent > seen, bent - seen, 1.0)
     share = np.where(seen < DAMPING * bent, (1.0 - DAMPING) * bent / gap, 1.0)
-    sy = share * sy + (1.0 - share) * sbs
-    y = share[:, None] * y + (1.0 - share[:, None]) * base
+    sy = share * sy + (1.0 - share) * sbs  # of y damped: share y + (1 - share) B0 s
     kept = np.ix_(keep, keep)
     sbs, sy = sbs[kept], sy[kept]
     lower, squares = np.tril(sy, -1), np.diag(np.diag(sy))
     middle = np.block([[sbs, lower], [lower.T, -squares]])
     scale = 1.0 / np.sqrt(np.abs(np.diag(middle)))
     unit = float(diagonal.sum())  # W without unit: single precision rounds at any scale alike
-    learned = np.vstack([base[keep], y[keep]]) * (scale / np.sqrt(unit))[:, None]
+    learned = np.empty((2 * len(keep), s.shape[1]), np.float32)
+    first, second = np.split(scale / np.sqrt(unit), 2)
+    for k, pair in enumerate(keep):
+        np.multiply(first[k], base[pair], out=learned[k], casting="same_kind")
+        own = second[k] * share[pair] * y[pair]
+        if share[pair] < 1.0:
+            own += second[k] * (1.0 - share[pair]) * base[pair]
+        learned[len(keep) + k] = own
     core = -unit * np.linalg.inv(middle * scale * scale[:, None])
-    return learned.astype(np.float32), 0.5 * (core + core.T)
+    return learned, 0.5 * (core + core.T)
