@@ -10,9 +10,9 @@ from meshes.structured import bcc_box
 from tests.topopt.problems import bridge
 from tests.topopt.test_domain import check_box
 from topopt import meshing_tetwild
-from topopt.domain import estimated_edge_length, mesh_domain
+from topopt.domain import attach_sets, estimated_edge_length, mesh_domain
 from topopt.parameters import LOCAL_EDGES, mean_edge_length
-from topopt.problem import BoxDomain
+from topopt.problem import Box, BoxDomain, Support
 from topopt.sizing import (
     COARSEST,
     GROWTH,
@@ -57,6 +57,19 @@ def test_lengths_are_short_at_the_interface_and_grow_with_the_distance():
         one, two = design.mesh.tets[:, a], design.mesh.tets[:, b]
         length = np.linalg.norm(design.mesh.points[one] - design.mesh.points[two], axis=1)
         assert np.all(np.abs(wanted[one] - wanted[two]) <= GROWTH * length * (1 + 1e-12))
+
+
+def test_lengths_are_half_as_short_at_the_edges_of_supports():
+    design = slab()
+    half = Support("half", Box((SIZE[0], -1.0, -1.0), (SIZE[0], 0.009, 1.0)))  # ends within facets
+    mesh = attach_sets(design.mesh, replace(problem(), supports=(half,)))
+    wanted = interface_sizing(PhaseField(mesh, design.values), SHORT).edge_lengths
+    x, y = design.mesh.points[:, 0], design.mesh.points[:, 1]
+    at_edge = (x == SIZE[0]) & (np.abs(y - 0.009) < 0.0012)
+    assert at_edge.sum() > 4 and np.all(wanted[at_edge] == 0.5 * SHORTER * SHORT)
+    assert np.all(wanted[(x == SIZE[0]) & (np.abs(y - 0.009) > 0.005)] > SHORTER * SHORT)
+    assert np.all(wanted <= interface_sizing(design, SHORT).edge_lengths)
+    assert wanted.max() == COARSEST * SHORTER * SHORT
 
 
 def test_distance_along_the_edges_of_one_tet():
