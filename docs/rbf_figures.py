@@ -111,19 +111,28 @@ def plot_along_normals(mesh, surface):
 
 
 def plot_slice(surface):
-    """Fig. 3.3: a slice with seven isolines between -1 and 1 spacing."""
+    """Fig. 3.3: a slice with seven isolines between -1 and 1 spacing.
+
+    Farther than half the support from the vertices S falls back to 0 and says nothing: left blank.
+    """
     low, high = surface.points.min(axis=0), surface.points.max(axis=0)
-    pad = surface.support_radius
+    pad = 0.5 * surface.support_radius
     x = np.linspace(low[0] - pad, high[0] + pad, 400)
     y = np.linspace(low[1] - pad, high[1] + pad, 400)
     grid = np.meshgrid(x, y)
     middle = np.full(grid[0].size, 0.5 * (low[2] + high[2]))
-    values = surface.value(np.stack([grid[0].ravel(), grid[1].ravel(), middle], axis=1))
+    places = np.stack([grid[0].ravel(), grid[1].ravel(), middle], axis=1)
+    values = surface.value(places) / surface.spacing
+    values[surface.distance_to_data(places) > pad] = np.nan
+    values = values.reshape(grid[0].shape)
     figure, ax = plt.subplots(figsize=(6, 6))
     levels = np.linspace(-1, 1, 7)
-    lines = ax.contour(*grid, values.reshape(grid[0].shape) / surface.spacing, levels, linewidths=1)
-    figure.colorbar(lines, label="S / spacing", shrink=0.7)
-    ax.set(aspect="equal", title="undefined (blank) outside the support")
+    shades = ax.contourf(*grid, values, levels, cmap="RdBu_r", extend="both", alpha=0.6)
+    ax.contour(*grid, values, levels, linewidths=0.7, colors="k")
+    ax.contour(*grid, values, [0.0], linewidths=2, colors="k")
+    bar = figure.colorbar(shades, label="S / spacing", shrink=0.7, format="%.2g")
+    bar.set_ticks(levels)
+    ax.set(aspect="equal", xlabel="x", ylabel="y", title="blank: farther than c / 2 from the data")
     return figure
 
 
@@ -141,8 +150,10 @@ def plot_projection(mesh, surface):
             points = points - (surface.value(points) / slope2)[:, None] * gradient
             history.append(np.abs(surface.value(points)))
         ax.semilogy(np.array(history) / surface.spacing + 1e-17, lw=0.4, color="tab:blue")
-        ax.set(xlabel="step", title=f"gradient renewed every {refresh} steps")
-        ax.axhline(6e-6, color="k", ls="--", lw=1)
+        often = "step" if refresh == 1 else f"{refresh} steps"
+        ax.set(xlabel="step", title=f"gradient renewed every {often}")
+        ax.axhline(6e-6, color="k", ls="--", lw=1, label="tolerance")
+        ax.legend(loc="upper right", fontsize=7)
     axes[0].set(ylabel="|S| / spacing")
     return figure
 
