@@ -229,9 +229,9 @@ def kernel_limit(surface, queries):
 
     centres = np.random.default_rng(0).random((7, 168))
     repeat(surface._form, 1, centres)
-    _, wall, _ = timed(lambda: repeat(surface._form, 20_000, centres), 3)
+    _, wall, _ = timed(lambda: repeat(surface._form, 100_000, centres), 3)
     pairs = cKDTree(queries).count_neighbors(cKDTree(surface.points), surface.support_radius)
-    return pairs * wall / (20_000 * 160) / numba.get_num_threads()
+    return pairs * wall / (100_000 * 160) / numba.get_num_threads()
 
 
 def sphere(count):
@@ -321,7 +321,7 @@ def values_ours():
     import rbf
 
     warm_up()
-    points, values, queries, exact = values_problem()
+    points, values, queries, exact = values_problem(queries=200_000)
 
     def fit():
         return rbf.fit_levels(points, values, 4, 6.0, kernel="wendland_c4", tolerance=1e-6)

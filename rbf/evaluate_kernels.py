@@ -96,6 +96,14 @@ def list_runs(first, last, keys, grid, run_start, stored):
 
 
 @njit(**OPTIONS)
+def _write(v, gx, gy, gz, p, values, gradients):
+    """Value and gradient of query p, the gradient where there is room for it."""
+    values[p] = v
+    if gradients.shape[0] > 0:
+        gradients[p, 0], gradients[p, 1], gradients[p, 2] = gx, gy, gz
+
+
+@njit(**OPTIONS)
 def evaluate(
     first_cell,
     last_cell,
@@ -117,7 +125,7 @@ def evaluate(
     ----------
     first_cell, last_cell : int
         The cells to do.
-    form : HermiteSum or ValueSum
+    form : HermiteSum, ValueSum or ValueOnly
     points : (n, 3) float array
         Queries in units of the support radius.
     order, keys, starts : arrays
@@ -129,16 +137,15 @@ def evaluate(
     run_start, stored : int64 arrays
         From `list_runs`, or empty: then the centres near a cell are looked for.
     values, gradients : (n,) and (n, 3) float arrays
-        Results.
+        Results; gradients of shape (0, 3) are left out.
     """
     found, box = np.empty((MAX_RUNS, 2), np.int64), np.empty((2, 3))
     near = np.empty((centres.shape[0], 512))
     for cell in range(first_cell, last_cell):
         first, last = starts[cell], starts[cell + 1]
         if keys[cell] == OUTSIDE:
-            for q in range(first, last):
-                values[order[q]] = np.nan
-                gradients[order[q], :] = np.nan
+            for place in range(first, last):
+                _write(np.nan, np.nan, np.nan, np.nan, order[place], values, gradients)
             continue
         if run_start.size > 0:
             runs = stored[run_start[cell] : run_start[cell + 1]]
@@ -151,9 +158,6 @@ def evaluate(
             p = order[place]
             x, y, z = points[p, 0], points[p, 1], points[p, 2]
             v, gx, gy, gz, support = value_and_gradient(form, near, begin, end, x, y, z)
-            if support > 0.0:
-                values[p] = v
-                gradients[p, 0], gradients[p, 1], gradients[p, 2] = gx, gy, gz
-            else:
-                values[p] = np.nan
-                gradients[p, :] = np.nan
+            if not support > 0.0:
+                v = gx = gy = gz = np.nan
+            _write(v, gx, gy, gz, p, values, gradients)

@@ -9,7 +9,7 @@ from meshes import InvalidCase
 from rbf import evaluate_kernels, hessian_kernels, project_kernels
 from rbf.condition import extreme_eigenvalues
 from rbf.curvature import principal_curvatures
-from rbf.sum_kernels import ROWS, HermiteSum
+from rbf.sum_kernels import ROWS, HermiteSum, ValueOnly
 from rbf.threads import in_parts
 
 TOLERANCE = 1e-6  # of the projection, |S| in support radii
@@ -92,7 +92,14 @@ class CompactInterpolant:
 
     def value(self, points):
         """S at points (n, 3): (n,), NaN outside the support."""
-        return self.value_and_gradient(points)[0]
+        if isinstance(self._form, HermiteSum):
+            return self.value_and_gradient(points)[0]
+        points = _checked(points)
+        values, form = np.empty(len(points)), ValueOnly(self._form.profile)
+        none = np.empty((0, 3))
+        self._run(evaluate_kernels.evaluate, points, *NO_RUNS, values, none, form=form)
+        values *= self._unit
+        return values
 
     def gradient(self, points):
         """Gradient of S at points (n, 3): (n, 3), NaN outside the support."""

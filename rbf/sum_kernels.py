@@ -28,7 +28,13 @@ class ValueSum(NamedTuple):
     profile: NamedTuple
 
 
-ROWS = {HermiteSum: 7, ValueSum: 4}
+class ValueOnly(NamedTuple):
+    """As ValueSum, for its value alone; the gradient is 0."""
+
+    profile: NamedTuple
+
+
+ROWS = {HermiteSum: 7, ValueSum: 4, ValueOnly: 4}
 
 
 def sum_form(order, hermite):
@@ -73,9 +79,23 @@ def _add_values(form, near, j, x, y, z, sums):
     return v, gx + w * dx, gy + w * dy, gz + w * dz, support + t
 
 
+def _add_only_values(form, near, j, x, y, z, sums):
+    v, gx, gy, gz, support = sums
+    dx, dy, dz = x - load(near, 0, j), y - load(near, 1, j), z - load(near, 2, j)
+    squared = dx * dx + (dy * dy + (dz * dz + TINY))
+    inverse = inverse_root(squared)
+    t = positive(1.0 - squared * inverse)
+    base, p, _, _ = parts(form.profile, t, inverse)
+    v = v + (base * (load(near, 3, j) * t)) * (t * p)
+    return v, gx, gy, gz, support + t
+
+
+_ADD = {HermiteSum: _add_hermite, ValueSum: _add_values, ValueOnly: _add_only_values}
+
+
 @overload(add_centres)
 def _add_centres(form, near, j, x, y, z, sums):
-    return _add_hermite if form.instance_class is HermiteSum else _add_values
+    return _ADD[form.instance_class]
 
 
 @njit(**OPTIONS)
