@@ -1,12 +1,12 @@
 """Accuracy and shape of extracted surfaces, as tables.
 
-    python -m benchmarks.isosurface [--fields COARSE.npz FINE.npz]
+    python -m benchmarks.isosurface [--fields COARSE FINE]
 
 The first table takes sine-profile fields of a ball and of an inclined round beam, on jittered BCC
 meshes of three sizes: distance of the vertices and of the triangles' centroids from the exact
 surface (root mean square, in units of the coarsest mesh's edge), error of the volume, and the
 orders. The second compares the ways to triangles without slivers, on the middle mesh. With
---fields, two `phase_field.npz` of runs of one case at edge lengths h and h/2: distances from the
+--fields, the folders of two runs of one case at edge lengths h and h/2, same gamma and eps: distances from the
 fine run's surface, in h, of the coarse run's, and of the fine run's field sampled at the coarse
 mesh's nodes (so that they differ by the extraction alone).
 """
@@ -26,7 +26,7 @@ if __package__ in (None, ""):
 import isosurface as iso  # noqa: E402
 from meshes import PhaseField, TetMesh  # noqa: E402
 from meshes.closest_point import ClosestPoint, two_sided_distance  # noqa: E402
-from meshes.io import load_phase_field  # noqa: E402
+from meshes.io import load_tet_mesh  # noqa: E402
 from meshes.quality import signed_volume, triangle_angles  # noqa: E402
 from meshes.self_intersection import self_intersecting_faces  # noqa: E402
 from meshes.structured import bcc_box  # noqa: E402
@@ -49,7 +49,7 @@ def main():
     for shape in SHAPES:
         print_shapes(shape)
     if options.fields:
-        print_fields(*(load_phase_field(path) for path in options.fields))
+        print_fields(*(design_of(Path(folder)) for folder in options.fields))
 
 
 def ball(points):
@@ -134,6 +134,12 @@ def print_shapes(shape):
 
 
 # --- fields of real runs ---------------------------------------------------------------------
+
+
+def design_of(folder):
+    """The design that a run left in its folder."""
+    with np.load(folder / "phase_field.npz") as arrays:
+        return PhaseField(load_tet_mesh(folder / "mesh.npz"), arrays["values"])
 
 
 def sampled(fine, mesh):
