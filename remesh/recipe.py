@@ -7,8 +7,10 @@ import numpy as np
 from meshes.quality import face_areas
 from meshes.topology import label_boundaries
 from remesh.adjust import fit_vertices, free_rows, match_volume
+from remesh.connectivity import BASE, CORNER, INTERIOR, KIND
 from remesh.flip import DELAUNAY, VALENCE, flip_edges
 from remesh.follow import fit_curves, split_far_edges
+from remesh.insert import insert_at_far_points, insert_beside_short_edges
 from remesh.optimise import optimise_vertices
 from remesh.reach import reach_far_points
 from remesh.shape_kernels import area_and_moments
@@ -20,6 +22,9 @@ LAST_AGREEMENT = 0.2
 FARTHEST = 0.03  # of the target length: of a crease's nodes from its edges
 REACH_ANGLE = 30.0  # [degrees] that reaching for far points may leave in 3D
 CURVE_ANGLE = 22.0  # [degrees] that fitting curves may leave in 3D
+MOST_INSERTED, FILL_ROUNDS = 0.005, 3  # share of the vertices
+THIN = 18.0  # [degrees] below which a triangle at a held short edge gets a vertex
+LOOP_SIGMA = 0.85  # of sigma: the searches then stretch triangles, and stop short of it
 STRETCHED = 3.0  # triangles that sigma stretches more cannot keep their 3D angles
 FIRST_STEP, WORST_STEP = 0.08, 0.15  # of the mean edge at a vertex
 
@@ -111,6 +116,8 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
         progress("fit", 0.3)
     if settings.optimise:
         general_search(work, recipe, recipe.first_search)
+        if settings.fit and recipe.embedded and settings.smoothing == 0:
+            fill_far_points(work, recipe, length)
         progress("optimise", 0.5)
     if settings.fit:
         fit_and_search(work, gaps, recipe, settings.optimise)
@@ -120,10 +127,60 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
             reach_far_points(work, free_rows(work), length, recipe.final_sigma, limits)
     if settings.optimise:
         improve_worst(work, recipe)
+        relieve_short_edges(work, recipe)
         progress("optimise", 1.0)
     if settings.fit and volume is not None:
         match_volume(work, volume)
     return length
+
+
+def fill_far_points(work, recipe, length):
+    """Give points that the triangles miss a vertex, and have those around it adapt."""
+    most = int(MOST_INSERTED * work.vertices)
+    for _ in range(FILL_ROUNDS):
+        rows = insert_at_far_points(work, FARTHEST * length, most)
+        if len(rows) == 0:
+            return
+        most -= len(rows)
+        adapt_around(work, recipe, rows)
+
+
+def relieve_short_edges(work, recipe):
+    """Put vertices beside short edges that are held, where triangles are thin because of them."""
+    most = int(MOST_INSERTED * work.vertices)
+    for _ in range(FILL_ROUNDS):
+        rows = insert_beside_short_edges(work, THIN, most)
+        if len(rows) == 0:
+            return
+        most -= len(rows)
+        adapt_around(work, recipe, rows)
+        improve_worst(work, recipe)
+
+
+def adapt_around(work, recipe, rows):
+    """Flip and search around vertices that stay where they are."""
+    agreement = recipe.agreement
+    steps = np.zeros(len(work.links))
+    steps[near_rows(work, rows, 1)] = FIRST_STEP
+    work.links[rows, KIND] = CORNER
+    for _ in range(2):
+        flip_edges(work, recipe.final_sigma, (20.0, 0.0, agreement), DELAUNAY, 3)
+        optimise_vertices(
+            work, recipe.final_sigma, steps, 2, recipe.least3, recipe.weight3, agreement,
+            sweeps=3, along_curves=False,
+        )  # fmt: skip
+    work.links[rows, KIND] = INTERIOR
+
+
+def near_rows(work, rows, rings):
+    """Rows (n,) bool of some vertices and of as many rings around them."""
+    corners, _ = work.corner_rows()
+    vertex = work.links[corners, BASE]
+    chosen = np.zeros(len(work.links), bool)
+    chosen[rows] = True
+    for _ in range(rings):
+        chosen[vertex[chosen[vertex].any(axis=1)]] = True
+    return chosen
 
 
 def follow_curves(work, recipe, length):
@@ -236,8 +293,8 @@ def choose_recipe(settings, mesh, jagged):
         )
         least3 = 24.0 if holds_shape else 12.0
         return Recipe(
-            settings.sigma, settings.sigma, AREA, agreement=0.1, least3=least3, weight3=1.0,
-            fits=(0.02, 0.02, 0.02, 0.02), order=3,
+            LOOP_SIGMA * settings.sigma, settings.sigma, AREA, agreement=0.2, least3=least3,
+            weight3=1.0, fits=(0.02, 0.02, 0.02, 0.02), order=3, hold=0.14,
         )  # fmt: skip
     size = extent(mesh)
     if jagged:
