@@ -20,7 +20,7 @@ ROUNDS = 6
 
 
 def reach_far_points(work, free, length, sigma, limits):
-    """Move vertices to points of the carrier that the triangles miss; return how many moves.
+    """Move vertices to points of the carrier that the triangles miss; return their rows.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def reach_far_points(work, free, length, sigma, limits):
         No triangle may come out below these and below what it was.
     """
     points = work.carrier.mesh.points
-    total, before = 0, np.inf
+    reached, before = [], np.inf
     for _ in range(ROUNDS):
         mesh, bases = work.to_mesh()
         faces, weights, distance = ClosestPoint(mesh.points, mesh.faces).query(points)
@@ -51,19 +51,20 @@ def reach_far_points(work, free, length, sigma, limits):
         _, first = np.unique(rows, return_index=True)
         first = np.sort(first)
         first = first[free[rows[first]]]
-        total += draw_vertices(
+        moved = np.zeros(len(first), bool)
+        draw_vertices(
             work.halves, work.links, work.rows, rows[first], points[far[first]], sigma**2,
-            as_tangents(limits), work.carrier.reference,
+            as_tangents(limits), work.carrier.reference, moved,
         )  # fmt: skip
-    return total
+        reached.append(rows[first[moved]])
+    return np.unique(np.concatenate(reached)) if reached else np.zeros(0, int)
 
 
 @allocating
-def draw_vertices(halves, links, rows, vertices, targets, sigma2, limits, reference):
-    """Put vertices at points of the carrier, or half way, as the limits allow; count the moves."""
+def draw_vertices(halves, links, rows, vertices, targets, sigma2, limits, reference, moved):
+    """Put vertices at points of the carrier, or half way, as the limits allow; mark `moved`."""
     fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
     saved, saved_hints, point = np.empty((1, 8)), np.empty(1, np.int64), np.empty(9)
-    moved = 0
     for i in range(vertices.size):
         v = vertices[i]
         count, _ = ring(halves, links, v, fan)
@@ -89,8 +90,6 @@ def draw_vertices(halves, links, rows, vertices, targets, sigma2, limits, refere
                 done = True
                 break
             share *= 0.6
-        if done:
-            moved += 1
-        else:
+        moved[i] = done
+        if not done:
             restore_vertex(rows, links, v, saved, saved_hints)
-    return moved

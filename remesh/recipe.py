@@ -8,6 +8,7 @@ from meshes.quality import face_areas
 from meshes.topology import label_boundaries
 from remesh.adjust import fit_vertices, free_rows, match_volume
 from remesh.connectivity import BASE, CORNER, INTERIOR, KIND
+from remesh.embedding import smallest_angles
 from remesh.flip import DELAUNAY, VALENCE, flip_edges
 from remesh.follow import fit_curves, split_far_edges
 from remesh.insert import insert_at_far_points, insert_beside_short_edges
@@ -22,6 +23,7 @@ LAST_AGREEMENT = 0.2
 FARTHEST = 0.03  # of the target length: of a crease's nodes from its edges
 REACH_ANGLE = 30.0  # [degrees] that reaching for far points may leave in 3D
 CURVE_ANGLE = 22.0  # [degrees] that fitting curves may leave in 3D
+SPARED = 1.0  # [degrees] that vertices may cost which far points hold
 MOST_INSERTED, FILL_ROUNDS = 0.005, 3  # share of the vertices
 THIN = 18.0  # [degrees] below which a triangle at a held short edge gets a vertex
 LOOP_SIGMA = 0.85  # of sigma: the searches then stretch triangles, and stop short of it
@@ -119,14 +121,20 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
         if settings.fit and recipe.embedded and settings.smoothing == 0:
             fill_far_points(work, recipe, length)
         progress("optimise", 0.5)
+    reached = np.zeros(0, int)
     if settings.fit:
         fit_and_search(work, gaps, recipe, settings.optimise)
         progress("fit", 1.0)
         if settings.smoothing == 0:
             limits = (20.0 if recipe.embedded else 0.0, min(recipe.least3, REACH_ANGLE), 0.05)
-            reach_far_points(work, free_rows(work), length, recipe.final_sigma, limits)
+            reached = reach_far_points(work, free_rows(work), length, recipe.final_sigma, limits)
     if settings.optimise:
-        improve_worst(work, recipe)
+        if not recipe.embedded:
+            work.links[reached, KIND] = CORNER  # the others make room first
+            improve_worst(work, recipe)
+            work.links[reached, KIND] = INTERIOR
+        if recipe.embedded or least_angle(work) < recipe.least3 - SPARED:
+            improve_worst(work, recipe)
         relieve_short_edges(work, recipe)
         progress("optimise", 1.0)
     if settings.fit and volume is not None:
@@ -143,6 +151,11 @@ def fill_far_points(work, recipe, length):
             return
         most -= len(rows)
         adapt_around(work, recipe, rows)
+
+
+def least_angle(work):
+    """Least 3D angle [degrees] of the work mesh."""
+    return smallest_angles(work.rows[work.corner_rows()[0], :3]).min()
 
 
 def relieve_short_edges(work, recipe):
