@@ -29,6 +29,10 @@ class Request:
     source, destination : Path
     vertices : int or None
     edge_length : float or None [file units]
+    max_error : float, str or None
+        In diagonals, or a text with a unit.
+    max_normal_angle : float or None [degrees]
+    min_length, max_length : float [file units]
     sigma : float, str or None
         In diagonals, or a text with a unit; None: chosen from the surface.
     reference : "auto", "rbf" or "triangles"
@@ -54,6 +58,10 @@ class Request:
     destination: Path
     vertices: int | None = None
     edge_length: float | None = None
+    max_error: float | str | None = None
+    max_normal_angle: float | None = None
+    min_length: float = 0.0
+    max_length: float | None = None
     sigma: float | str | None = None
     reference: str = "auto"
     fix_boundary: bool = False
@@ -103,6 +111,10 @@ def _remesh(
     *,
     vertices: int | None = None,
     edge_length: float | None = None,
+    max_error: str | None = None,
+    max_normal_angle: float | None = None,
+    min_length: float = 0.0,
+    max_length: float | None = None,
     sigma: str | None = None,
     reference: Literal["auto", "rbf", "triangles"] = "auto",
     fix_boundary: Annotated[bool, _flag()] = False,
@@ -130,6 +142,16 @@ def _remesh(
         Number of vertices of the result; the input's if neither this nor --edge-length is given.
     edge_length
         Length of its edges in the embedding (x, sigma n), in the file's unit.
+    max_error
+        As few triangles as keep every point of the result, and of the input, within this distance
+        of the other: in bounding-box diagonals, or with a unit as 0.1mm. The bound is proved. With
+        --edge-length too no edge is longer in the embedding.
+    max_normal_angle
+        With --max-error: how far normals may differ, in degrees.
+    min_length
+        With --max-error: shorter edges are collapsed whatever the error, in the file's unit.
+    max_length
+        With --max-error: no longer edges are made.
     sigma
         Weight of the normals n, in bounding-box diagonals, or with a unit as 14mm: 0 for
         triangles of one size, more for smaller ones where the surface curves. If not given: 0.05,
@@ -166,7 +188,8 @@ def _remesh(
     """
     return run_remesh(
         Request(
-            source, destination, vertices, edge_length, _parse_sigma(sigma), reference,
+            source, destination, vertices, edge_length, _parse_length("--max-error", max_error),
+            max_normal_angle, min_length, max_length, _parse_length("--sigma", sigma), reference,
             fix_boundary, fill_holes, not no_repair, smooth, iterations, algorithm, unit, seed,
             threads, json, picture, quiet, verbose,
         )
@@ -202,6 +225,7 @@ def _check(request):
     """Refuse what can be refused before anything is read."""
     if request.vertices is not None and request.edge_length is not None:
         raise InvalidCase("--vertices and --edge-length: only one of the two can be given")
+    _check_bound(request)
     if request.vertices is not None and request.vertices < 4:
         raise InvalidCase(f"--vertices {request.vertices}: must be at least 4")
     length = request.edge_length
@@ -221,6 +245,29 @@ def _check(request):
     _check_places(request)
 
 
+def _check_bound(request):
+    """Refuse options that make no sense with --max-error, or without it."""
+    if request.max_error is None:
+        lengths = request.min_length != 0.0 or request.max_length is not None
+        if lengths or request.max_normal_angle is not None:
+            raise InvalidCase("--max-normal-angle, --min-length and --max-length need --max-error")
+        return
+    if request.max_error == 0.0:
+        raise InvalidCase("--max-error 0: must be positive")
+    if request.vertices is not None:
+        raise InvalidCase("--vertices and --max-error: only one of the two can be given")
+    if request.smooth or request.algorithm == "thesis":
+        raise InvalidCase("--max-error holds to the surface as it is: leave --smooth and "
+                          "--algorithm thesis out")  # fmt: skip
+    angle = request.max_normal_angle
+    if angle is not None and not 0.0 < angle <= 180.0:
+        raise InvalidCase(f"--max-normal-angle {angle}: must be between 0 and 180")
+    longest = float("inf") if request.max_length is None else request.max_length
+    if not 0.0 <= request.min_length <= longest or longest <= 0.0:
+        raise InvalidCase(f"--min-length {request.min_length}: must not be negative, nor above "
+                          "--max-length")  # fmt: skip
+
+
 def _check_places(request):
     """Refuse places where nothing can be written, before hours of work."""
     places = [request.destination]
@@ -238,7 +285,7 @@ def _check_places(request):
         raise InvalidCase("OUT, --json and --picture must be different files")
 
 
-def _parse_sigma(text):
+def _parse_length(option, text):
     """A number of diagonals, a text with a unit, or None."""
     if text is None:
         return None
@@ -251,7 +298,7 @@ def _parse_sigma(text):
         value = float("nan")
     if not 0.0 <= value < float("inf"):
         raise InvalidCase(
-            f"--sigma {text}: must be a number that is not negative (in bounding-box diagonals), "
+            f"{option} {text}: must be a number that is not negative (in bounding-box diagonals), "
             "or a length with its unit, as 14mm"
         )
     return result

@@ -148,7 +148,7 @@ def _prepared(request, surface, outcome, reporter):
         with outcome.timed("fit"):
             surfaces, reference = _fitted(request, surface, outcome)
     smoothing = SMOOTHING_PAIRS[sigma > 0.0] if request.smooth else 0
-    target = Target(request.vertices, request.edge_length).for_surface(surface)
+    target = _target(request, surface)
     outcome.options = {
         **target,
         "sigma": sigma,
@@ -175,6 +175,20 @@ def _prepared(request, surface, outcome, reporter):
         smoothing=smoothing,
         fix_boundary=request.fix_boundary,
     )
+
+
+def _target(request, surface):
+    """How fine, in the remesher's terms."""
+    if request.max_error is None:
+        return Target(request.vertices, request.edge_length).for_surface(surface)
+    longest = request.max_length
+    return {
+        "max_error": sigma_length(request.max_error, surface.diagonal, request.length),
+        "max_normal_angle": request.max_normal_angle,
+        "min_length": request.min_length,
+        "max_length": float("inf") if longest is None else longest,
+        "edge_length": request.edge_length,
+    }
 
 
 def _fitted(request, surface, outcome):
@@ -233,7 +247,22 @@ def _measure(outcome, surface, given, final, sigma):
         rms / surface.diagonal,
         largest / surface.diagonal,
     )
+    proved = outcome.statistics.get("proved_distance")
+    if proved is not None:
+        after["distance_proved"] = proved / surface.diagonal
+        after["normal_angle_proved"] = outcome.statistics["proved_normal_angle"]
     outcome.before, outcome.after = before, after
+
+
+def _bound_remarks(outcome):
+    """What the user should know if an error bound could not be met."""
+    asked, proved = outcome.options.get("max_error"), outcome.statistics.get("proved_distance")
+    if asked is None or proved <= asked:
+        return []
+    return [
+        f"the error bound of {asked:.4g} is not met: {proved:.4g} is proved; "
+        "a shorter --min-length or a larger bound may help"
+    ]
 
 
 def _remarks(outcome):
@@ -243,6 +272,7 @@ def _remarks(outcome):
     asked = outcome.options.get("vertices")
     if asked is not None and abs(after["vertices"] - asked) > COUNT_TOLERANCE * asked:
         notes.append(f"{asked:,} vertices were asked for, {after['vertices']:,} came out")
+    notes += _bound_remarks(outcome)
     crossing = after["self_intersecting_faces"]
     if crossing and report.crossing_faces:
         notes.append(

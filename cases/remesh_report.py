@@ -24,6 +24,8 @@ _ROWS = (
     ("volume", "volume", ".6g"),
     ("distance, rms [1e-5 diagonals]", "distance_rms", "1e5"),
     ("distance, largest [1e-5 diagonals]", "distance_max", "1e5"),
+    ("distance, proved bound [1e-5 diagonals]", "distance_proved", "1e5"),
+    ("normals, proved bound [deg]", "normal_angle_proved", ".1f"),
 )
 
 

@@ -5,7 +5,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from meshes import TriMesh
+from meshes.edges import edge_table
 from remesh.adjust import match_volume
+from remesh.bounded import remesh_within
 from remesh.carrier import CORNER_ANGLE, curves_of
 from remesh.fidelity import ImplicitFidelity, TriangleFidelity
 from remesh.finish import finished_mesh, repair
@@ -38,6 +40,11 @@ class RemeshStatistics:
         Triangles that disagree with the surface's exact normal at a corner.
     self_intersecting_faces : int
         Triangles that meet others, and could not be separated.
+    proved_distance : float or None [unit of the points]
+        With `max_error`: no point of the result or of the surface is farther from the other.
+    proved_normal_angle : float or None [degrees]
+        With `max_error`: every point of either has a point of the other, as near as that, whose
+        normal differs by no more.
     """
 
     vertices_before: int
@@ -48,6 +55,8 @@ class RemeshStatistics:
     volume_drift: float | None
     inverted_faces: int
     self_intersecting_faces: int
+    proved_distance: float | None = None
+    proved_normal_angle: float | None = None
 
     def as_dict(self):
         """The figures by name."""
@@ -98,6 +107,8 @@ def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
     rng = np.random.default_rng(0) if rng is None else rng
     layout = layout_of(mesh, surfaces)
     mesh = layout.mesh
+    if settings.max_error is not None:
+        return conclude_within(layout, surfaces, settings, progress)
     if settings.vertices is None and settings.edge_length is None:
         settings = with_vertices(settings, len(mesh.points))
     by_label = None
@@ -121,6 +132,36 @@ def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
             settings.vertices, progress,
         )  # fmt: skip
     return conclude(mesh, work, gaps, settings, (length, volume), progress)
+
+
+def conclude_within(layout, surfaces, settings, progress):
+    """The result within an error bound, and its statistics."""
+    mesh = layout.mesh
+    found = remesh_within(mesh, surfaces, settings, progress)
+    drift, result = None, found.mesh
+    volume = enclosed_volume(mesh.points, mesh.faces) if layout.closed else 0.0
+    if volume != 0.0:
+        drift = enclosed_volume(result.points, result.faces) / volume - 1.0
+    statistics = RemeshStatistics(
+        vertices_before=len(mesh.points),
+        vertices=len(result.points),
+        faces=len(result.faces),
+        edge_length=mean_edge(result),
+        sigma=settings.sigma,
+        volume_drift=drift,
+        self_intersecting_faces=found.crossing,
+        inverted_faces=found.inverted,
+        proved_distance=found.distance,
+        proved_normal_angle=found.normal_angle,
+    )
+    progress("finished", 1.0)
+    return RemeshResult(result, statistics)
+
+
+def mean_edge(mesh):
+    """Mean edge length of a mesh."""
+    ends = mesh.points[edge_table(mesh.faces).edges]
+    return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean())
 
 
 def with_vertices(settings, vertices):

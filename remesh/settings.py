@@ -44,7 +44,7 @@ class ThesisRules:
 
 @dataclass(frozen=True)
 class RemeshSettings:
-    """How to remesh. Exactly one of `vertices` and `edge_length` says how fine.
+    """How to remesh. One of `vertices`, `edge_length` and `max_error` says how fine.
 
     Parameters
     ----------
@@ -70,6 +70,18 @@ class RemeshSettings:
         Leave open boundaries as they are, bit by bit.
     corner_angle : float [degrees]
         Feature curves are cut at corners where they turn by more.
+    max_error : float, optional [unit of the points]
+        Instead of `vertices`: as few triangles as keep every point of the result, and every point
+        of the surface, within this distance of the other, which is proved. With `edge_length` too
+        no edge is longer in the embedding.
+    max_normal_angle : float, optional [degrees]
+        With `max_error`: every point of either has a point of the other within that distance whose
+        normal differs by no more.
+    min_length, max_length : float [unit of the points]
+        With `max_error`: edges below the first are collapsed and never split, whatever the error;
+        none longer than the second are made.
+    least_angle : float [degrees]
+        With `max_error`: no smaller angle is made where there was none.
     thesis : ThesisRules
         The rules of algorithm "thesis".
 
@@ -89,6 +101,11 @@ class RemeshSettings:
     optimise: bool = True
     fix_boundary: bool = False
     corner_angle: float = 45.0
+    max_error: float | None = None
+    max_normal_angle: float | None = None
+    min_length: float = 0.0
+    max_length: float = float("inf")
+    least_angle: float = 1.0
     thesis: ThesisRules = ThesisRules()
 
     def __post_init__(self):
@@ -106,3 +123,30 @@ class RemeshSettings:
             raise InvalidCase(f"algorithm must be one of {ALGORITHMS}, got {self.algorithm!r}")
         if self.smoothing < 0:
             raise InvalidCase(f"smoothing must not be negative, got {self.smoothing}")
+        self._check_bound()
+
+    def _check_bound(self):
+        """Refuse what makes no sense with, or without, an error bound."""
+        angle = self.max_normal_angle
+        if self.max_error is None:
+            if angle is not None or self.min_length > 0.0 or self.max_length != float("inf"):
+                raise InvalidCase(
+                    "max_normal_angle, min_length and max_length belong to max_error: give one"
+                )
+            return
+        if not 0.0 < self.max_error < float("inf"):
+            raise InvalidCase(f"max_error must be positive, got {self.max_error}")
+        if self.vertices is not None:
+            raise InvalidCase("ask for a number of vertices or for max_error, not for both")
+        if self.algorithm == "thesis" or self.smoothing > 0:
+            raise InvalidCase("max_error holds to the surface as it is: without the thesis's "
+                              "algorithm, and without smoothing")  # fmt: skip
+        if angle is not None and not 0.0 < angle <= 180.0:
+            raise InvalidCase(f"max_normal_angle must be in (0, 180], got {angle}")
+        if not 0.0 <= self.min_length <= self.max_length:
+            raise InvalidCase(
+                "min_length must not be negative, nor above max_length, "
+                f"got {self.min_length} and {self.max_length}"
+            )
+        if not 0.0 <= self.least_angle < 30.0:
+            raise InvalidCase(f"least_angle must be in [0, 30), got {self.least_angle}")

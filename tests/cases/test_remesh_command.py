@@ -370,3 +370,36 @@ def test_help_of_the_module():
                "--fix-boundary", "--fill-holes", "--no-repair", "--json", "--picture")  # fmt: skip
     for option in options:
         assert option in done.stdout
+
+
+def test_an_error_bound_is_met_and_printed(source, tmp_path, capsys):
+    """In diagonals, or with a unit; the table and the JSON tell what is proved."""
+    out, figures = tmp_path / "out.ply", tmp_path / "out.json"
+    for error in ("0.01", f"{0.01 * torus().diagonal!r}mm"):
+        assert main([str(source), str(out), "--max-error", error, "--json", str(figures)]) == 0
+        text = capsys.readouterr().out
+        assert "distance, proved bound" in text and "normals, proved bound" in text
+        after = json.loads(figures.read_text())["after"]
+        assert after["distance_max"] <= after["distance_proved"] <= 0.01
+        assert topology(read_surface(out).faces, after["vertices"]).genus == 1
+        assert after["vertices"] < 300
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--max-error", "0"],
+        ["--max-error", "-1"],
+        ["--max-error", "wide"],
+        ["--max-error", "0.01", "--vertices", "100"],
+        ["--max-error", "0.01", "--smooth"],
+        ["--max-error", "0.01", "--algorithm", "thesis"],
+        ["--max-error", "0.01", "--max-normal-angle", "200"],
+        ["--max-error", "0.01", "--min-length", "2", "--max-length", "1"],
+        ["--max-normal-angle", "20"],
+        ["--max-length", "1"],
+    ],
+    ids=" ".join,
+)
+def test_bounds_that_make_no_sense_are_refused(source, tmp_path, capsys, options):
+    assert "--" in refusal(capsys, source, tmp_path / "out.ply", *options)
