@@ -281,7 +281,7 @@ class ElasticModel:
         self._ready_for = np.array(phi)
         return assembled
 
-    def response(self, phi, state, direction, tolerance=1e-2):
+    def response(self, phi, state, direction, tolerance=1e-2, start=None):
         """How displacements and energy density change where phi moves along a direction.
 
         Parameters
@@ -292,6 +292,8 @@ class ElasticModel:
         direction : (n,) float array
         tolerance : float
             Relative residual.
+        start : (c, n, 3) float array [m], optional
+            A guess of the change of the displacements.
 
         Returns
         -------
@@ -306,11 +308,13 @@ class ElasticModel:
         self._prepare(phi, stiffness_factor(phi, tets, r))
         slope = stiffness_slope(phi, direction, tets, r)
         displacements, iterations, density = [], 0, np.zeros(len(tets))
-        for case, u in zip(self.conditions.cases, state.displacements, strict=True):
+        starts = np.zeros_like(state.displacements) if start is None else start
+        triples = zip(self.conditions.cases, state.displacements, starts, strict=True)
+        for case, u, first in triples:
             forces = -self._stress_forces(u, slope)
             if case.gravity and np.any(self.gravity):
                 forces += self.body_force(direction)
-            change, _, solution = self._solve(forces, None, tolerance)
+            change, _, solution = self._solve(forces, first, tolerance)
             bend = self.energy_density(u + change) - self.energy_density(u - change)
             density += 0.5 * case.weight * bend  # w is quadratic
             displacements.append(change)

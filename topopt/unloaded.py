@@ -44,6 +44,6 @@ class Unloaded:
             solve_seconds=0.0,
         )
 
-    def response(self, phi, state, direction, tolerance=1e-2):
+    def response(self, phi, state, direction, tolerance=1e-2, start=None):
         """Return the Response of rest."""
         return Response(np.zeros_like(state.displacements), np.zeros(len(self.mesh.tets)), 0)

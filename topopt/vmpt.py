@@ -88,14 +88,18 @@ class ProjectedGradient(Flow):
             slope = float(loop.gradient @ direction)
             if asked == PRODUCTS or not slope < -LEAST_DECREASE * abs(loop.objective):
                 break
-            bend, response = self.curvature_along(loop, direction)
+            bend, response = self.curvature_along(loop, direction, found.change(direction))
             found.add(direction, response)
             secants = secants.after(direction, bend)
         return step, secants, found
 
-    def curvature_along(self, loop, direction):
-        """J''(phi) d (n,) along a direction d (n,), and the model's Response to it."""
-        response = self.model.response(loop.phi, loop.state, direction, RESPONSE_TOLERANCE)
+    def curvature_along(self, loop, direction, guess=None):
+        """J''(phi) d (n,) along a direction d (n,), and the model's Response to it.
+
+        The guess (c, n, 3) of how the displacements change is where the solver starts.
+        """
+        terms = (loop.phi, loop.state, direction, RESPONSE_TOLERANCE, guess)
+        response = self.model.response(*terms)
         elastic = curvature_along(self.model, loop.phi, loop.state, direction, response)
         change = self.energy.gradient(loop.phi + direction) - self.energy.gradient(loop.phi)
         return elastic + self.gamma * change, response
@@ -126,14 +130,19 @@ class Foresight:
         self._responses.append(response.displacements)
         self.iterations += response.iterations
 
-    def displacements(self, direction, share):
-        """First-order guess (c, n, 3) of the displacements at a share of the way along a step."""
+    def change(self, direction):
+        """How the displacements change along a direction, as far as known: (c, n, 3) or None."""
         if not self._directions:
-            return self._start
+            return None
         known = np.stack(self._directions)
         gram = (known * self._mass) @ known.T
         shares = np.linalg.lstsq(gram, known @ (self._mass * direction), rcond=1e-10)[0]
-        return self._start + np.tensordot(share * shares, np.stack(self._responses), axes=1)
+        return np.tensordot(shares, np.stack(self._responses), axes=1)
+
+    def displacements(self, direction, share):
+        """First-order guess (c, n, 3) of the displacements at a share of the way along a step."""
+        change = self.change(direction)
+        return self._start if change is None else self._start + share * change
 
 
 def cut(slope, change):
