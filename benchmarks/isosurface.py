@@ -6,9 +6,9 @@ The first table takes sine-profile fields of a ball and of an inclined round bea
 meshes of three sizes: distance of the vertices and of the triangles' centroids from the exact
 surface (root mean square, in units of the coarsest mesh's edge), error of the volume, and the
 orders. The second compares the ways to triangles without slivers, on the middle mesh. With
---fields, the folders of two runs of one case at edge lengths h and h/2, same gamma and eps: distances from the
-fine run's surface, in h, of the coarse run's, and of the fine run's field sampled at the coarse
-mesh's nodes (so that they differ by the extraction alone).
+--fields, the folders of two runs of one case at edge lengths h and h/2, same gamma and eps:
+distances from the surface of the fine run, in h, of the coarse run's, and of the fine field sampled
+at the coarse mesh's nodes (so that they differ by the extraction alone).
 """
 
 import argparse
