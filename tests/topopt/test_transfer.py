@@ -31,9 +31,9 @@ def test_points_are_found_as_by_the_twin(scale):
     mesh = box((3, 2, 2), scale)
     rng = np.random.default_rng(0)
     values = rng.random(len(mesh.points))
-    inside = scale * SIZE * rng.random((60, 3))
-    on_sides = scale * SIZE * rng.integers(0, 5, (40, 3)) / 4.0
-    points = np.concatenate([inside, on_sides, mesh.points[:20]])
+    inside = scale * SIZE * rng.random((15, 3))
+    on_sides = scale * SIZE * rng.integers(0, 5, (15, 3)) / 4.0
+    points = np.concatenate([inside, on_sides, mesh.points[:10]])
     nodes, weights = TetLocator(mesh).weights(points)
     assert weights.min() >= 0
     np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-14)
@@ -78,13 +78,13 @@ def test_the_same_mesh_gives_the_same_field(coarse):
 def test_error_falls_with_the_square_of_the_edge_length():
     """On meshes that do not contain each other; the field itself is on a much finer one."""
     errors = []
-    for cells in (2, 4):
+    for cells in (1, 2):
         finer, mesh = box((9 * cells, 5 * cells, 7 * cells)), box((3 * cells, cells, 2 * cells))
         found = transferred(PhaseField(finer, smooth(finer.points)), mesh)
         gap = found - smooth(mesh.points)
         mass = tet_geometry(mesh).lumped_mass
         errors.append(np.sqrt(mass @ gap**2 / mass.sum()))
-    assert 1.7 < np.log2(errors[0] / errors[1]) < 2.6
+    assert 1.6 < np.log2(errors[0] / errors[1]) < 2.6
 
 
 def test_volume_is_kept_up_to_quadrature(coarse):
