@@ -68,8 +68,8 @@ def low_rank_part(secants, stiffness, coupling, diagonal):
     limited memory methods, Math. Programming 63 (1994), theorem 2.3; damping: M. Powell (1978).
     """
     s, y = secants.steps, secants.changes
-    base = coupling * (stiffness @ s.T).T
-    base += diagonal * s
+    base = diagonal * s
+    base += coupling * (stiffness @ s.T).T
     sbs, sy = gram(s, base), gram(s, y)
     bent, seen = np.diag(sbs), np.diag(sy)
     keep = np.flatnonzero(bent > LEAST_STEP * bent.max())
