@@ -26,10 +26,13 @@ from topopt.geometry import morton_order
 from topopt.meshing_flat import connected_faces
 
 EPSILON = 1e-3  # envelope, in units of the bounding box's diagonal
-STOP_ENERGY = 15.0  # pytetwild's own 10 makes it refine again in some runs, at random: counts of
-# 300,000 tets then spread by 6 % (standard deviation) instead of 2 %, the worst dihedral angle is
-# 19 to 25 degrees instead of 15 to 20, the mean of the tets' smallest ones is the same
-TRIES = 3
+STOP_ENERGIES = (15.0, 10.0, 10.0)  # of one try after the other. pytetwild's own 10 makes it refine
+# again in some runs, at random: counts of 300,000 tets then spread by 6 % (standard deviation)
+# instead of 2 to 4 %, the worst dihedral angle is 19 to 25 degrees instead of 15 to 20, the mean of
+# the tets' smallest ones is the same. But with 15 some runs end before the edges are short enough.
+TOO_LONG = 1.5  # mean edge length that shows it, in units of the length asked for
+FLAT_VOLUME = 1e-6  # of the mean tet's volume: less is none
+ON_PLANE = 1e-9  # distance in the frame from planes that nodes were snapped to
 EXACT_VOLUME = 1e-12  # relative error of a box's volume
 CREASE_ANGLE = np.radians(40.0)  # curved patches end where faces turn by more
 NARROWEST = 0.5  # width of flat parts that are snapped, in edge lengths
@@ -132,7 +135,7 @@ def mesh_frame(frame, edge_length, log, seconds=None, sizing=None):
     if sizing is not None:
         background = dict(zip(("bg_vertices", "bg_tets", "bg_values"), sizing))
         shortest = float(sizing[2].min())
-    for _ in range(TRIES):
+    for stop_energy in STOP_ENERGIES:
         left = None if seconds is None else max(seconds - (time.monotonic() - began), 1e-3)
         points, tets = tetrahedralize(
             frame.points,
@@ -140,19 +143,22 @@ def mesh_frame(frame, edge_length, log, seconds=None, sizing=None):
             seconds=left,
             edge_length_abs=edge_length,
             epsilon=EPSILON,
-            stop_energy=STOP_ENERGY,
+            stop_energy=stop_energy,
             num_threads=1,
             vtk_ordering=True,
             **background,
         )
         try:
-            return finish(frame, shortest, points, tets)
+            mesh = finish(frame, shortest, points, tets)
+            if sizing is None:
+                _check_edges(mesh, edge_length)
+            return mesh
         except InvalidMesh as error:
             reasons.append(str(error))
             log(f"pytetwild's mesh is not used, because {error}")
     raise NotConverged(
-        f"pytetwild gave no valid mesh in {TRIES} tries (the last one: {reasons[-1]}); try another "
-        f"edge length, below the thickness of the thinnest part."
+        f"pytetwild gave no valid mesh in {len(reasons)} tries (the last one: {reasons[-1]}); try "
+        f"another edge length, below the thickness of the thinnest part."
     )
 
 
@@ -161,16 +167,12 @@ def finish(frame, edge_length, points, tets):
 
     `edge_length` is the shortest aimed at: flat parts narrower than half of it are not snapped.
     """
-    points, tets = ordered(points, tets)
-    facets = boundary_facets(tets)
-    facets = facets[morton_order(points[facets].mean(axis=1), MORTON_BITS)]
     wide = [k for k, width in enumerate(frame.widths) if width >= NARROWEST * edge_length]
     planes = [frame.planes[k] for k in wide]
     envelope = 2.0 * EPSILON * float(np.linalg.norm(np.ptp(frame.points, axis=0)))
-    plane_of = facets_on_planes(points, facets, planes, envelope)
+    points, tets, facets, plane_of = on_planes(points, tets, planes, envelope)
     if frame.exact and (plane_of < 0).any():
         raise InvalidMesh(f"{(plane_of < 0).sum()} of its boundary facets lie on no face")
-    points = snapped(points, facets, plane_of, planes)
     patches = [Patch(frame.names[k], frame.planes[k]) for k in wide]
     if (plane_of < 0).any():
         curved = ~np.isin(frame.face_plane, wide)
@@ -181,6 +183,43 @@ def finish(frame, edge_length, points, tets):
     mesh = TetMesh(points, tets, facets, plane_of if frame.exact else facet_patch, patches)
     _check(mesh, frame, envelope)
     return mesh
+
+
+def on_planes(points, tets, planes, envelope):
+    """Snap the boundary to planes; tets that this makes flat are left out, and it is done again.
+
+    Such a tet lies on a plane with all its corners: without it the boundary there has the other
+    diagonal, or another number of triangles.
+
+    Returns
+    -------
+    points, tets
+        Ordered.
+    facets : (b, 3) int32 array
+    plane_of : (b,) int array
+        See `facets_on_planes`.
+    """
+    while True:
+        points, tets = ordered(points, tets)
+        facets = boundary_facets(tets)
+        facets = facets[morton_order(points[facets].mean(axis=1), MORTON_BITS)]
+        plane_of = facets_on_planes(points, facets, planes, envelope)
+        on_them = snapped(points, facets, plane_of, planes)
+        flat = flat_tets(on_them, tets, planes)
+        if not flat.any():
+            return on_them, tets, facets, plane_of
+        tets = tets[~flat]
+
+
+def flat_tets(points, tets, planes):
+    """Which tets (m,) have no volume to speak of and lie on one of the planes."""
+    volumes = tet_volumes(points, tets)
+    thin = np.flatnonzero(volumes < FLAT_VOLUME * np.abs(volumes).mean())
+    flat = np.zeros(len(tets), dtype=bool)
+    for plane in planes:
+        near = np.abs(plane.signed_distance(points[tets[thin].ravel()])) <= ON_PLANE
+        flat[thin[near.reshape(-1, 4).all(axis=1)]] = True
+    return flat
 
 
 def ordered(points, tets):
@@ -263,6 +302,15 @@ def curved_patches(points, facets, plane_of, first, frame, curved):
     patch_of[loose] = first + number
     single = len(parts) == 1
     return patch_of, ["surface" if single else f"surface{k + 1}" for k in range(len(parts))]
+
+
+def _check_edges(mesh, edge_length):
+    """Raise InvalidMesh if the edges are much longer than asked for."""
+    corners = mesh.points[mesh.tets]
+    starts, ends = np.triu_indices(4, 1)
+    mean = np.linalg.norm(corners[:, starts] - corners[:, ends], axis=2).mean()
+    if mean > TOO_LONG * edge_length:
+        raise InvalidMesh(f"its edges are {mean / edge_length:.2g} times as long as asked for")
 
 
 def _check(mesh, frame, envelope):

@@ -167,9 +167,9 @@ def test_a_damaged_file_is_made_again_and_replaced(damage, lattice, tmp_path):
 
 
 def test_the_cache_tells_domains_and_sizes_apart(lattice, tmp_path):
-    mesh_domain(box(), edge_length=COARSE, cache=tmp_path)
+    first = mesh_domain(box(), edge_length=COARSE, cache=tmp_path)
     mesh_domain(box(), edge_length=1.01 * COARSE, cache=tmp_path)
-    mesh_domain(box(), tets=2000, cache=tmp_path)
+    mesh_domain(box(), tets=len(first.tets), cache=tmp_path)
     longer = BoxDomain((0, 0, 0), (0.051, 0.015, 0.02))
     mesh_domain(replace(box(), domain=longer), edge_length=COARSE, cache=tmp_path)
     assert len(list(tmp_path.iterdir())) == 4
@@ -206,6 +206,46 @@ def test_meshes_that_do_not_fit_are_made_again_and_given_up(monkeypatch):
     with pytest.raises(NotConverged, match=r"no valid mesh in 3 tries .*boundary facets lie on no"):
         mesh_domain(box(), edge_length=COARSE, cache=False, log=words.append)
     assert sum("is not used" in word for word in words) == 3
+
+
+def test_a_mesh_that_is_too_coarse_is_made_again(monkeypatch, lattice):
+    """The stand-in gives the same lattice whatever the edge length."""
+    words = []
+    with pytest.raises(NotConverged, match=r"edges are 3\.. times as long as asked for"):
+        mesh_domain(box(), edge_length=COARSE / 4, cache=False, log=words.append)
+    assert [call["stop_energy"] for call in lattice] == [15.0, 10.0, 10.0]
+
+
+def test_tets_that_snapping_makes_flat_are_left_out(monkeypatch):
+    """On some pairs of boundary facets, one within the envelope of the plane is put on top."""
+    added = []
+
+    def with_slivers(points, faces, **options):
+        vertices, tets = lattice_of(points, faces, **options)
+        facets = boundary_facets(tets)
+        on_top = facets[(vertices[facets][:, :, 2] > points[:, 2].max() - 1e-3).all(axis=1)]
+        edges = {}
+        for facet in on_top.tolist():
+            for k in range(3):
+                edges[facet[k], facet[(k + 1) % 3]] = facet
+        used = set()
+        for (a, b), facet in edges.items():
+            other = edges.get((b, a))
+            if other is None or used & {*facet, *other}:
+                continue
+            (c,), (d,) = set(facet) - {a, b}, set(other) - {a, b}
+            used |= {a, b, c, d}
+            vertices[[a, b], 2] -= 3e-4
+            added.append([a, b, c, d])
+        return vertices, np.concatenate([tets, np.array(added, tets.dtype)])
+
+    monkeypatch.setattr(meshing_tetwild, "tetrahedralize", with_slivers)
+    words = []
+    mesh = mesh_domain(box(), edge_length=COARSE, cache=False, log=words.append)
+    assert len(added) > 3 and not any("not used" in word for word in words)
+    check_box(mesh, LOWER, LOWER + SIZE)
+    volumes = tet_volumes(mesh.points, mesh.tets)
+    assert volumes.min() > 1e-3 * volumes.mean()
 
 
 @pytest.mark.parametrize(
