@@ -118,7 +118,7 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
         progress("fit", 0.3)
     if settings.optimise:
         general_search(work, recipe, recipe.first_search)
-        if settings.fit and recipe.embedded and settings.smoothing == 0:
+        if settings.fit and recipe.embedded and settings.smoothing == 0 and not creased(work):
             fill_far_points(work, recipe, length)
         progress("optimise", 0.5)
     reached = np.zeros(0, int)
@@ -135,11 +135,17 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
             work.links[reached, KIND] = INTERIOR
         if recipe.embedded or least_angle(work) < recipe.least3 - SPARED:
             improve_worst(work, recipe)
-        relieve_short_edges(work, recipe)
+        if not recipe.embedded:  # thin in 3D is what sigma asks for
+            relieve_short_edges(work, recipe)
         progress("optimise", 1.0)
     if settings.fit and volume is not None:
         match_volume(work, volume)
     return length
+
+
+def creased(work):
+    """Whether the surface has feature edges: what is put in near them may fold the surface."""
+    return len(work.carrier.curves.vertices) > 0
 
 
 def fill_far_points(work, recipe, length):
@@ -198,7 +204,7 @@ def near_rows(work, rows, rings):
 
 def follow_curves(work, recipe, length):
     """Have the feature edges follow their curves closely."""
-    if len(work.carrier.curves.vertices) == 0:
+    if not creased(work):
         return
     for _ in range(2):
         if split_far_edges(work, FARTHEST * length, recipe.agreement) == 0:

@@ -1,8 +1,10 @@
 """Vertices put at far points and beside short edges that are held."""
 
 import numpy as np
+import pytest
 
 from meshes.closest_point import ClosestPoint
+from remesh import RemeshSettings, recipe, remesh
 from remesh.carrier import make_carrier
 from remesh.collapse import collapse_short_edges
 from remesh.connectivity import BASE, CORNER, KIND
@@ -10,7 +12,7 @@ from remesh.embedding import smallest_angles
 from remesh.halfedge import WorkMesh
 from remesh.insert import insert_at_far_points, insert_beside_short_edges
 from tests.remesh.reference import broken_links
-from tests.remesh.shapes import hemisphere
+from tests.remesh.shapes import cylinder, hemisphere
 from tests.shapes import icosphere
 
 
@@ -60,3 +62,20 @@ def test_thin_triangles_at_held_edges_are_split_beside_them():
     nearest = np.linalg.norm(work.rows[rows, None, :3] - work.rows[None, ends, :3], axis=2)
     assert (nearest.min(axis=1) < 5.0 * short).all()
     assert not broken_links(work)
+
+
+def test_surfaces_with_creases_in_6d_get_no_vertices_so(monkeypatch):
+    """On optimised parts, whose sections end in planes, they folded the surface there."""
+
+    def refuse(*arguments):
+        raise AssertionError("vertices were put in")
+
+    monkeypatch.setattr(recipe, "insert_at_far_points", refuse)
+    monkeypatch.setattr(recipe, "insert_beside_short_edges", refuse)
+    part = cylinder()
+    result = remesh(part, None, RemeshSettings(vertices=300, sigma=0.1 * part.diagonal))
+    assert result.statistics.self_intersecting_faces == 0
+    monkeypatch.undo()
+    monkeypatch.setattr(recipe, "insert_at_far_points", refuse)
+    with pytest.raises(AssertionError, match="put in"):
+        remesh(icosphere(3), None, RemeshSettings(vertices=300, sigma=0.1))
