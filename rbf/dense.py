@@ -1,5 +1,7 @@
 """Interpolation with global kernels: a dense matrix, with a polynomial tail where it is needed."""
 
+from numbers import Real
+
 import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 from scipy.linalg.lapack import dgecon
@@ -124,13 +126,12 @@ def fit_global(points, values, kernel="cubic", scale=None, ridge=0.0):
             f"{LARGEST} points, got {len(points)}: use a Wendland kernel (fit_values), or let "
             "fit_greedy choose centres"
         )
-    spacing = point_spacing(points)
+    if not (isinstance(ridge, Real) and 0.0 <= ridge < np.inf):
+        raise InvalidCase(f"ridge must be at least 0 and finite, got {ridge!r}")
+    scale, spacing = choose_scale(points, scale)
     welded = len(points)
     points, values = average_duplicates(points, values, WELD_PER_SPACING * spacing)
     welded -= len(points)
-    scale = SCALE_PER_SPACING * spacing if scale is None else scale
-    if not (np.isfinite(scale) and scale > 0.0):
-        raise InvalidCase(f"scale must be positive and finite, got {scale}")
     centres = (points - points.mean(axis=0)) / scale
     matrix = _matrix(centres, kernel, ridge)
     right = np.zeros(len(matrix))
@@ -138,8 +139,25 @@ def fit_global(points, values, kernel="cubic", scale=None, ridge=0.0):
     coefficients, condition = _solve(matrix, right, kernel)
     deviation = np.abs(matrix @ coefficients - right).max() / (np.abs(values).max() or 1.0)
     return GlobalInterpolant(
-        points, kernel, float(scale), coefficients, condition, float(deviation), welded
+        points, kernel, scale, coefficients, condition, float(deviation), welded
     )
+
+
+def choose_scale(points, scale=None):
+    """The scale asked for, or two spacings; (scale, spacing).
+
+    Raises
+    ------
+    InvalidCase
+        If the scale is not positive, or there is no spacing to take it from.
+    """
+    if scale is None:
+        spacing = point_spacing(points, instead="scale")
+        return SCALE_PER_SPACING * spacing, spacing
+    if not (np.isfinite(scale) and scale > 0.0):
+        raise InvalidCase(f"scale must be positive and finite, got {scale}")
+    distinct = (points != points[0]).any()
+    return float(scale), point_spacing(points) if distinct else float(scale)
 
 
 def _matrix(centres, kernel, ridge):

@@ -6,10 +6,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from meshes import InvalidCase
-from rbf.dense import LARGEST, fit_global
+from rbf.dense import LARGEST, choose_scale, fit_global
 from rbf.kernels import find_kernel
 from rbf.scattered import check_values, fit_values
-from rbf.spacing import point_spacing
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ def fit_greedy(
     """
     chosen_kernel = find_kernel(kernel)
     points, values = check_values(points, values)
-    if not (growth > 1.0 and tolerance > 0.0 and first >= 4):
+    if not (growth > 1.0 and 0.0 < tolerance < np.inf and first >= 4):
         raise InvalidCase(
             f"growth must be above 1, tolerance positive and first at least 4, got {growth}, "
             f"{tolerance}, {first}"
@@ -79,7 +78,7 @@ def fit_greedy(
     if chosen_kernel.compact and "support_radius" not in options:
         raise InvalidCase(f"kernel {kernel!r} needs support_radius, because centres get denser")
     if not chosen_kernel.compact:
-        options.setdefault("scale", 2.0 * point_spacing(points))
+        options["scale"], _ = choose_scale(points, options.get("scale"))
     fit = fit_values if chosen_kernel.compact else fit_global
     limit = len(points) if chosen_kernel.compact else min(len(points), LARGEST)
     limit = limit if most is None else min(most, limit)
@@ -98,11 +97,11 @@ def fit_greedy(
 
 
 def _spread(points, count):
-    """Farthest-point sampling, starting with the point farthest from the middle."""
+    """Farthest-point sampling from the point farthest from the middle; no place is taken twice."""
     distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
     chosen = [int(distance.argmax())]
     distance = np.linalg.norm(points - points[chosen[0]], axis=1)
-    while len(chosen) < count:
+    while len(chosen) < count and distance.max() > 0.0:
         chosen.append(int(distance.argmax()))
         distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return np.array(chosen)

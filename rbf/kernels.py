@@ -147,7 +147,8 @@ def find_kernel(name, compact=None, least_smoothness=0):
         names = ", ".join(k.name for k in KERNELS.values() if k.compact == compact)
         raise InvalidCase(f"kernel {name!r} is not {kind}, which is needed here: choose {names}")
     if kernel.smoothness < least_smoothness:
-        names = ", ".join(k.name for k in KERNELS.values() if k.smoothness >= least_smoothness)
+        fitting = [k for k in KERNELS.values() if compact is None or k.compact == compact]
+        names = ", ".join(k.name for k in fitting if k.smoothness >= least_smoothness)
         raise InvalidCase(
             f"kernel {name!r} is only C{kernel.smoothness:g} and C{least_smoothness} is needed "
             f"here: choose one of {names}"

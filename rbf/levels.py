@@ -14,6 +14,7 @@ from rbf.spacing import point_spacing
 
 LEVELS = 4
 SUPPORT_PER_SPACING = 5.0
+LEAST_SUPPORT = 2.0  # in spacings: a cube of thinned points is sqrt(3) across
 LEAST_POINTS = 20
 
 
@@ -86,8 +87,15 @@ def fit_levels(
             f"levels must be at least 1 and support_per_spacing positive, got {levels} and "
             f"{support_per_spacing}"
         )
+    if levels > 1 and support_per_spacing < LEAST_SUPPORT:
+        raise InvalidCase(
+            f"support_per_spacing must be at least {LEAST_SUPPORT:g} where there are several "
+            f"levels, or thinned points do not reach all others, got {support_per_spacing}"
+        )
     points, values = check_values(points, values)
-    spacing = point_spacing(points) if spacing is None else float(spacing)
+    spacing = point_spacing(points, instead="spacing") if spacing is None else float(spacing)
+    if not (np.isfinite(spacing) and spacing > 0.0):
+        raise InvalidCase(f"spacing must be positive and finite, got {spacing}")
     rest, fitted = values, []
     for level in range(levels - 1, -1, -1):
         distance = spacing * 2.0**level

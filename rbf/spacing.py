@@ -36,7 +36,7 @@ def check_finite(array, name, width=3):
     return array
 
 
-def point_spacing(points, neighbours=12):
+def point_spacing(points, neighbours=12, instead="support_radius"):
     """Robust mean distance between neighbouring points of a surface [unit of the points].
 
     The edge length of the triangular lattice that has as many points within the distance of the
@@ -46,7 +46,7 @@ def point_spacing(points, neighbours=12):
     Raises
     ------
     InvalidCase
-        If there are not two distinct points.
+        If there are not two distinct points; says to give the parameter named `instead`.
     """
     count = min(neighbours, len(points) - 1)
     tree = cKDTree(points)
@@ -61,7 +61,7 @@ def point_spacing(points, neighbours=12):
         count = min(4 * count, len(points) - 1)  # more than a dozen points fall together
     raise InvalidCase(
         "the spacing of the points cannot be told, because there are not two distinct ones: "
-        "give support_radius"
+        f"give {instead}"
     )
 
 
