@@ -357,5 +357,5 @@ def test_levels_whose_thinned_points_do_not_reach_the_others_are_refused():
 
 def test_a_kernel_that_does_not_fit_is_answered_with_those_that_do():
     points = np.random.default_rng(0).random((40, 3))
-    with pytest.raises(InvalidCase, match="choose one of wendland_c2, wendland_c4, wendland_c6$"):
+    with pytest.raises(InvalidCase, match=r"wendland_c2, wendland_c4, wendland_c6$"):
         fit_hermite(points, points + 1.0, kernel="wendland_c0")
