@@ -41,6 +41,8 @@ class Request:
         In diagonals.
     repair : bool
         Whether a surface that needs repair is repaired, or refused.
+    keep_crossings : bool
+        Whether faces that cross others, and cannot be repaired, are put up with.
     smooth : bool
     iterations : int
     algorithm : "default" or "thesis"
@@ -67,6 +69,7 @@ class Request:
     fix_boundary: bool = False
     fill_holes: float = 0.0
     repair: bool = True
+    keep_crossings: bool = False
     smooth: bool = False
     iterations: int = 10
     algorithm: str = "default"
@@ -120,6 +123,7 @@ def _remesh(
     fix_boundary: Annotated[bool, _flag()] = False,
     fill_holes: float = 0.0,
     no_repair: Annotated[bool, _flag()] = False,
+    keep_crossings: Annotated[bool, _flag()] = False,
     smooth: Annotated[bool, _flag()] = False,
     iterations: int = 10,
     algorithm: Literal["default", "thesis"] = "default",
@@ -165,6 +169,8 @@ def _remesh(
         Close holes up to this size, in bounding-box diagonals; 0 leaves all open.
     no_repair
         Refuse a damaged surface instead of repairing it.
+    keep_crossings
+        Remesh a surface although triangles of it cross and cannot be drawn apart or united.
     smooth
         Smooth a jagged input first, keeping its volume.
     iterations
@@ -190,8 +196,8 @@ def _remesh(
         Request(
             source, destination, vertices, edge_length, _parse_length("--max-error", max_error),
             max_normal_angle, min_length, max_length, _parse_length("--sigma", sigma), reference,
-            fix_boundary, fill_holes, not no_repair, smooth, iterations, algorithm, unit, seed,
-            threads, json, picture, quiet, verbose,
+            fix_boundary, fill_holes, not no_repair, keep_crossings, smooth, iterations,
+            algorithm, unit, seed, threads, json, picture, quiet, verbose,
         )
     )  # fmt: skip
 
@@ -202,7 +208,7 @@ def run_remesh(request):
     Raises
     ------
     InvalidCase, InvalidMesh, NotConverged
-        With one sentence each.
+        With one sentence each; NotConverged too, when all is written, if the result is not valid.
     """
     _check(request)
     from cases import remesh_files, remesh_report  # the stages take seconds to import
@@ -219,6 +225,8 @@ def run_remesh(request):
         remesh_report.write_figures(request.json, outcome)
     if request.json != "-" and not request.quiet:
         remesh_report.print_table(outcome)
+    if problem := remesh_files.invalid(outcome):
+        raise NotConverged(problem)
 
 
 def _check(request):

@@ -23,6 +23,7 @@ from meshes.io import (
 from meshes.normal_noise import normal_noise
 from meshes.quality import surface_quality
 from meshes.repair import RepairReport, repair
+from meshes.self_intersection import self_intersecting_faces
 from meshes.topology import require_valid, topology
 from rbf import fit_surfaces
 from remesh import RemeshSettings, remesh
@@ -125,11 +126,30 @@ def _repaired(request, given):
     """The surface to remesh, and what was mended."""
     try:
         if request.repair:
-            return repair(given, fill=request.fill_holes)
-        require_valid(given, closed=False, name="it")
+            surface, report = repair(given, fill=request.fill_holes)
+        else:
+            require_valid(given, closed=False, name="it")
+            surface, report = given, _as_it_is(given)
     except InvalidMesh as error:
         raise InvalidMesh(f"{request.source}: {error}") from error
-    return given, RepairReport(holes=topology(given.faces, len(given.points)).boundary_loops)
+    if report.crossing_faces and not request.keep_crossings:
+        why = (
+            "smoothing does not draw them apart, and they are not of closed pieces to be united"
+            if request.repair
+            else "--no-repair leaves them"
+        )
+        raise InvalidMesh(
+            f"{request.source}: {report.crossing_faces:,} of {len(surface.faces):,} faces cross "
+            f"others ({why}): mend them, or remesh them as they are with --keep-crossings"
+        )
+    return surface, report
+
+
+def _as_it_is(surface):
+    """The report of a surface that is not to be repaired."""
+    holes = topology(surface.faces, len(surface.points)).boundary_loops
+    crossing = int(self_intersecting_faces(surface.points, surface.faces).sum())
+    return RepairReport(crossed_faces=crossing, holes=holes, crossing_faces=crossing)
 
 
 def _prepared(request, surface, outcome, reporter):
@@ -236,9 +256,7 @@ def _measure(outcome, surface, given, final, sigma):
     """Figures of both surfaces; those before are of the file as it is."""
     weight = sigma if sigma > 0.0 else 0.05 * surface.diagonal
     before = surface_quality(given, sigma=weight, intersections=False).as_dict()
-    before["self_intersecting_faces"] = (
-        outcome.repair.crossing_faces + outcome.repair.separated_faces
-    )
+    before["self_intersecting_faces"] = outcome.repair.crossed_faces
     after = surface_quality(final, sigma=weight).as_dict()
     for figures, mesh in ((before, given), (after, final)):
         figures["boundary_loops"] = topology(mesh.faces, len(mesh.points)).boundary_loops
@@ -252,6 +270,23 @@ def _measure(outcome, surface, given, final, sigma):
         after["distance_proved"] = proved / surface.diagonal
         after["normal_angle_proved"] = outcome.statistics["proved_normal_angle"]
     outcome.before, outcome.after = before, after
+
+
+def invalid(outcome):
+    """What is wrong with the result in a sentence; empty if it is valid."""
+    crossing = outcome.after["self_intersecting_faces"]
+    against = outcome.statistics.get("inverted_faces")
+    words = []
+    if crossing and not outcome.repair.crossing_faces:
+        words.append(f"{crossing:,} triangles cross others")
+    if against:
+        words.append(f"{against:,} lie against the surface's normals")
+    if not words:
+        return ""
+    return (
+        f"{outcome.destination} is written, but {' and '.join(words)}: "
+        "ask for more vertices, or try --smooth"
+    )
 
 
 def _bound_remarks(outcome):
@@ -273,15 +308,9 @@ def _remarks(outcome):
     if asked is not None and abs(after["vertices"] - asked) > COUNT_TOLERANCE * asked:
         notes.append(f"{asked:,} vertices were asked for, {after['vertices']:,} came out")
     notes += _bound_remarks(outcome)
-    crossing = after["self_intersecting_faces"]
-    if crossing and report.crossing_faces:
+    if report.crossing_faces:
         notes.append(
-            f"{crossing:,} triangles of the result cross others, as {report.crossing_faces:,} of "
-            "the input do: unite overlapping bodies first"
+            f"{after['self_intersecting_faces']:,} triangles of the result cross others, as "
+            f"{report.crossing_faces:,} of the input do"
         )
-    elif crossing:
-        notes.append(f"{crossing:,} triangles of the result cross others: try --smooth")
-    if outcome.statistics.get("inverted_faces"):
-        count = outcome.statistics["inverted_faces"]
-        notes.append(f"{count:,} triangles of the result lie against the surface's normals")
     return notes

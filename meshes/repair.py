@@ -11,7 +11,9 @@ from meshes.repair_cut import cut
 from meshes.repair_flat import flat_faces, remove_flat
 from meshes.repair_holes import close_cracks, fill_holes
 from meshes.repair_orient import orient_alike, orient_outward
+from meshes.repair_union import overlapping_pieces, unite
 from meshes.repair_weld import drop_pillows, drop_repeated, weld_equal, weld_near
+from meshes.self_intersection import self_intersecting_faces
 from meshes.soup import naming_a_vertex_twice, soup_of
 from meshes.topology import topology
 from meshes.tri_mesh import TriMesh
@@ -41,6 +43,10 @@ class RepairReport:
         Holes without area, and those that were to be filled.
     separated_faces : int
         Faces that crossed others, and were drawn apart.
+    united_pieces : int
+        Closed pieces that overlapped others, and became one with them.
+    crossed_faces : int
+        Faces that crossed others at first.
     holes, crossing_faces : int
         What is left: holes, and faces that cross others.
     """
@@ -58,6 +64,8 @@ class RepairReport:
     closed_cracks: int = _count("cracks closed")
     filled_holes: int = _count("holes filled")
     separated_faces: int = _count("faces that crossed others drawn apart")
+    united_pieces: int = _count("overlapping closed pieces united")
+    crossed_faces: int = 0
     holes: int = 0
     crossing_faces: int = 0
 
@@ -84,7 +92,8 @@ def repair(mesh, fill=0.0, crossings=True):
         Holes up to this size are filled, in bounding-box diagonals; cracks (holes without area)
         always are.
     crossings : bool
-        Whether faces that cross others are looked for, and drawn apart where smoothing does it.
+        Whether faces that cross others are looked for, and drawn apart where smoothing does it;
+        closed pieces that overlap are united.
 
     Returns
     -------
@@ -208,16 +217,26 @@ def _finished(mesh, soup, names):
 
 
 def _uncrossed(mesh, counts):
-    """With faces drawn apart that cross others."""
+    """With overlapping pieces united, and other faces that cross drawn apart."""
+    counts["crossed_faces"] = int(self_intersecting_faces(mesh.points, mesh.faces).sum())
+    if counts["crossed_faces"] == 0:
+        return mesh
+    mesh, counts["united_pieces"] = unite(mesh)
+    points, before, after = separate(mesh.points, mesh.faces, _held(mesh))
+    counts["separated_faces"], counts["crossing_faces"] = before - after, after
+    return mesh if points is mesh.points else mesh.with_points(points)
+
+
+def _held(mesh):
+    """Vertices (n,) that must not be smoothed: of features, planes and pieces that overlap."""
     held = np.zeros(len(mesh.points), dtype=bool)
     held[mesh.feature_edges] = True
     table = edge_table(mesh.faces)
     held[table.edges[table.count == 1]] = True
     planar = np.array([patch.plane is not None for patch in mesh.labels])
-    held[mesh.faces[planar[mesh.face_labels]]] = True
-    points, before, after = separate(mesh.points, mesh.faces, held)
-    counts["separated_faces"], counts["crossing_faces"] = before - after, after
-    return mesh if points is mesh.points else mesh.with_points(points)
+    piece, overlapping = overlapping_pieces(mesh)
+    held[mesh.faces[planar[mesh.face_labels] | np.isin(piece, overlapping)]] = True
+    return held
 
 
 def _holes(mesh):

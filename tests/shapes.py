@@ -47,6 +47,19 @@ def torus(major=1.0, minor=0.3, n_major=48, n_minor=20):
     return TriMesh(points, np.concatenate([np.stack([p, q, r], 1), np.stack([p, r, s], 1)]))
 
 
+def figure_eight(n_major=60, n_minor=12):
+    """A closed tube along a figure eight, which crosses itself in the middle."""
+    t, w = 2 * np.pi * np.arange(n_major) / n_major, 2 * np.pi * np.arange(n_minor) / n_minor
+    curve = np.stack([np.sin(t), np.sin(2 * t) / 2, 0.03 * np.cos(t)], axis=1)
+    along = np.stack([np.cos(t), np.cos(2 * t), -0.03 * np.sin(t)], axis=1)
+    side = np.cross(along, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    up = np.cross(side, along) / np.linalg.norm(along, axis=1)[:, None]
+    ring = np.cos(w)[None, :, None] * side[:, None] + np.sin(w)[None, :, None] * up[:, None]
+    points = (curve[:, None] + 0.1 * ring).reshape(-1, 3)
+    return TriMesh(points, torus(n_major=n_major, n_minor=n_minor).faces)
+
+
 def cube(side=1.0):
     """The cube [0, side]^3 with 12 triangles, outward oriented."""
     points = side * np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)], float)

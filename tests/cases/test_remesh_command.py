@@ -16,8 +16,9 @@ from meshes import Patch, TriMesh
 from meshes.io import read_surface, read_surface_data, write_surface
 from meshes.normal_noise import normal_noise
 from meshes.quality import signed_volume, vertex_normals
+from meshes.self_intersection import self_intersecting_faces
 from meshes.topology import boundary_edges, topology
-from tests.shapes import cube, icosphere, torus
+from tests.shapes import cube, figure_eight, icosphere, torus
 
 
 @pytest.fixture(scope="module")
@@ -144,6 +145,34 @@ def test_wrong_surfaces(source, tmp_path, capsys):
     write_surface(tmp_path / "nan.ply", mesh.with_points(points))
     assert "NaN" in refusal(capsys, tmp_path / "nan.ply", out)
     assert not out.exists()
+
+
+def test_a_surface_that_crosses_itself_is_refused_unless_it_is_wanted(tmp_path, capsys):
+    source, out = tmp_path / "eight.ply", tmp_path / "out.ply"
+    tube = figure_eight()
+    write_surface(source, tube)
+    crossing = int(self_intersecting_faces(tube.points, tube.faces).sum())
+    for options in ((), ("--no-repair",)):
+        sentence = refusal(capsys, source, out, *options)
+        assert f"{crossing} of {len(tube.faces):,} faces cross others" in sentence
+        assert "--keep-crossings" in sentence
+    assert not out.exists()
+    found = run(capsys, source, out, "--keep-crossings")
+    assert found["before"]["self_intersecting_faces"] == crossing
+    assert any("cross others" in note for note in found["notes"]) and out.exists()
+
+
+def test_a_result_that_is_not_valid_is_written_with_exit_code_1(
+    source, tmp_path, capsys, monkeypatch
+):
+    def crossing(points, faces):
+        return np.arange(len(faces)) < 2
+
+    monkeypatch.setattr("meshes.quality.self_intersecting_faces", crossing)
+    out = tmp_path / "out.ply"
+    assert main([str(source), str(out), "--vertices", "300"]) == 1
+    assert "out.ply is written, but 2 triangles cross others" in capsys.readouterr().err
+    assert read_surface(out).faces.shape[1] == 3
 
 
 def test_a_failed_write_keeps_the_old_file_and_is_exit_code_1(
@@ -369,7 +398,8 @@ def test_help_of_the_module():
         [sys.executable, "-m", "remesh", "--help"], capture_output=True, text=True, check=True
     )
     options = ("--vertices", "--edge-length", "--sigma", "--iterations", "--smooth", "--reference",
-               "--fix-boundary", "--fill-holes", "--no-repair", "--json", "--picture")  # fmt: skip
+               "--fix-boundary", "--fill-holes", "--no-repair", "--keep-crossings", "--json",
+               "--picture")  # fmt: skip
     for option in options:
         assert option in done.stdout
 

@@ -10,7 +10,7 @@ from meshes.quality import signed_volume
 from meshes.repair import repair
 from meshes.self_intersection import self_intersecting_faces
 from meshes.topology import edge_table, outward, require_valid, topology
-from tests.shapes import cube, icosphere, torus
+from tests.shapes import cube, figure_eight, icosphere, torus
 
 
 def counts(report):
@@ -208,18 +208,56 @@ def test_a_long_hole_is_filled():
     assert signed_volume(mesh) == pytest.approx(2 / 3 * np.pi, rel=0.02)
 
 
-def test_small_folds_are_drawn_apart_and_bodies_are_not():
+def test_small_folds_are_drawn_apart():
     rough = torus()
     rng = np.random.default_rng(0)
     rough = rough.with_points(rough.points + 0.03 * rng.standard_normal(rough.points.shape))
     crossing = int(self_intersecting_faces(rough.points, rough.faces).sum())
     mesh, report = repair(rough)
-    assert crossing > 0 and counts(report) == {"separated_faces": crossing}
+    assert crossing > 0
+    assert counts(report) == {"crossed_faces": crossing, "separated_faces": crossing}
     assert self_intersecting_faces(mesh.points, mesh.faces).sum() == 0
     assert (mesh.points == rough.points).all(axis=1).mean() > 0.7
-    overlapping = joined(icosphere(2), moved(icosphere(2), 0.7))
-    mesh, report = repair(overlapping)
-    assert mesh is overlapping and report.crossing_faces > 0 and report.separated_faces == 0
+
+
+def test_overlapping_pieces_are_united():
+    apart = moved(icosphere(1), 9)
+    pieces = joined(cube(), moved(cube(), 0.5, 0.25, 0.25), apart)
+    mesh, report = repair(pieces)
+    assert report.united_pieces == 2 and report.crossing_faces == 0 < report.crossed_faces
+    require_valid(mesh)
+    assert not self_intersecting_faces(mesh.points, mesh.faces).any()
+    overlap = 0.5 * 0.75 * 0.75
+    assert signed_volume(mesh) == pytest.approx(2 - overlap + signed_volume(apart), rel=1e-12)
+    assert {tuple(p) for p in apart.points} <= {tuple(p) for p in mesh.points}
+
+
+def test_labels_and_feature_edges_of_united_pieces_are_kept():
+    first, second = cube(), moved(cube(), 0.5, 0.25, 0.25)
+    both = joined(first, second)
+    edges = np.array([(0, 1), (8, 9)])
+    labels = np.repeat([0, 1], len(first.faces))
+    both = TriMesh(both.points, both.faces, labels, (Patch("a"), Patch("b")), edges)
+    mesh, _ = repair(both)
+    centres = mesh.points[mesh.faces].mean(axis=1)
+    inside_first = (np.abs(centres - first.points.mean(axis=0)) <= 0.5 + 1e-9).all(axis=1)
+    np.testing.assert_array_equal(mesh.face_labels, np.where(inside_first, 0, 1))
+    kept = {frozenset(map(tuple, mesh.points[pair])) for pair in mesh.feature_edges}
+    whole = [frozenset(map(tuple, both.points[pair])) for pair in edges]
+    there = {frozenset(map(tuple, mesh.points[pair])) for pair in edge_table(mesh.faces).edges}
+    assert kept == {edge for edge in whole if edge in there} != set()
+
+
+def test_what_cannot_be_united_stays_and_is_counted():
+    inside_out = turned(moved(cube(), 0.5, 0.25, 0.25))
+    open_box = TriMesh(inside_out.points, inside_out.faces[:-1, ::-1])
+    tube = figure_eight()
+    crossing = int(self_intersecting_faces(tube.points, tube.faces).sum())
+    for mesh in (joined(cube(), open_box), tube):
+        again, report = repair(mesh)
+        assert again is mesh and report.united_pieces == 0
+        assert report.crossing_faces == report.crossed_faces > 0
+    assert report.crossing_faces == crossing
 
 
 def test_labels_and_feature_edges_are_kept():
