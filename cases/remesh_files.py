@@ -126,7 +126,9 @@ def _repaired(request, given):
     """The surface to remesh, and what was mended."""
     try:
         if request.repair:
-            surface, report = repair(given, fill=request.fill_holes)
+            surface, report = repair(
+                given, fill=request.fill_holes, hold_boundary=request.fix_boundary
+            )
         else:
             require_valid(given, closed=False, name="it")
             surface, report = given, _as_it_is(given)

@@ -82,7 +82,7 @@ class RepairReport:
         ]
 
 
-def repair(mesh, fill=0.0, crossings=True):
+def repair(mesh, fill=0.0, crossings=True, hold_boundary=False):
     """Make an oriented manifold of a surface, whatever is wrong with it.
 
     Parameters
@@ -94,6 +94,8 @@ def repair(mesh, fill=0.0, crossings=True):
     crossings : bool
         Whether faces that cross others are looked for, and drawn apart where smoothing does it;
         closed pieces that overlap are united.
+    hold_boundary : bool
+        Whether vertices of open edges stay where they are in that.
 
     Returns
     -------
@@ -125,7 +127,7 @@ def repair(mesh, fill=0.0, crossings=True):
         if any(counts.values()):
             mesh = _finished(mesh, soup, names)
     if crossings:
-        mesh = _uncrossed(mesh, counts)
+        mesh = _uncrossed(mesh, counts, hold_boundary)
     return mesh, RepairReport(**counts, holes=_holes(mesh))
 
 
@@ -216,23 +218,24 @@ def _finished(mesh, soup, names):
     return TriMesh(soup.points[used], faces, soup.labels, mesh.labels, edges)
 
 
-def _uncrossed(mesh, counts):
+def _uncrossed(mesh, counts, hold_boundary):
     """With overlapping pieces united, and other faces that cross drawn apart."""
     counts["crossed_faces"] = int(self_intersecting_faces(mesh.points, mesh.faces).sum())
     if counts["crossed_faces"] == 0:
         return mesh
     mesh, counts["united_pieces"] = unite(mesh)
-    points, before, after = separate(mesh.points, mesh.faces, _held(mesh))
+    points, before, after = separate(mesh.points, mesh.faces, _held(mesh, hold_boundary))
     counts["separated_faces"], counts["crossing_faces"] = before - after, after
     return mesh if points is mesh.points else mesh.with_points(points)
 
 
-def _held(mesh):
+def _held(mesh, hold_boundary):
     """Vertices (n,) that must not be smoothed: of features, planes and pieces that overlap."""
     held = np.zeros(len(mesh.points), dtype=bool)
     held[mesh.feature_edges] = True
-    table = edge_table(mesh.faces)
-    held[table.edges[table.count == 1]] = True
+    if hold_boundary:
+        table = edge_table(mesh.faces)
+        held[table.edges[table.count == 1]] = True
     planar = np.array([patch.plane is not None for patch in mesh.labels])
     piece, overlapping = overlapping_pieces(mesh)
     held[mesh.faces[planar[mesh.face_labels] | np.isin(piece, overlapping)]] = True

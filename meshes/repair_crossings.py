@@ -6,7 +6,7 @@ from scipy.sparse import coo_matrix
 from meshes.edges import components, edge_table
 from meshes.self_intersection import self_intersecting_faces
 
-FACTORS = (0.02, 0.1, 0.3, 0.5, 0.5, 0.5, 0.5, 0.5)  # how far vertices move to their neighbours'
+FACTORS = (0.02, 0.1, 0.3) + (0.5,) * 17  # how far vertices move to the mean of their neighbours
 RINGS = 1  # neighbours that are smoothed with them
 
 
@@ -40,12 +40,8 @@ def separate(points, faces, held):
 
 def _smoothed(points, faces, crossing, held):
     """Points after rounds of smoothing around the faces that cross in each."""
-    edges = edge_table(faces).edges
-    ends = np.concatenate([edges, edges[:, ::-1]])
-    degree = np.maximum(np.bincount(ends[:, 0], minlength=len(points)), 1)
-    mean = coo_matrix(
-        (1.0 / degree[ends[:, 0]], (ends[:, 0], ends[:, 1])), (len(points),) * 2
-    ).tocsr()
+    table = edge_table(faces)
+    edges, mean = table.edges, _means(table, len(points))
     chosen = np.zeros(len(points), dtype=bool)
     result = points
     for factor in FACTORS:
@@ -61,6 +57,17 @@ def _smoothed(points, faces, crossing, held):
         if not crossing.any():
             break
     return result
+
+
+def _means(table, size):
+    """The matrix that takes the means of neighbours; vertices of open edges have only those along
+    these, so that open boundaries stay curves of their own."""
+    border = np.zeros(size, dtype=bool)
+    border[table.edges[table.count == 1]] = True
+    ends = np.concatenate([table.edges, table.edges[:, ::-1]])
+    ends = ends[np.tile(table.count == 1, 2) | ~border[ends[:, 0]]]
+    degree = np.maximum(np.bincount(ends[:, 0], minlength=size), 1)
+    return coo_matrix((1.0 / degree[ends[:, 0]], tuple(ends.T)), (size, size)).tocsr()
 
 
 def _undone(points, moved, faces):

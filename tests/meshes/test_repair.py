@@ -220,6 +220,25 @@ def test_small_folds_are_drawn_apart():
     assert (mesh.points == rough.points).all(axis=1).mean() > 0.7
 
 
+def test_folds_at_an_open_boundary_are_drawn_apart_unless_it_is_held():
+    rough = torus()
+    rough = TriMesh(rough.points, rough.faces[np.abs(rough.points[rough.faces[:, 0], 0]) > 0.3])
+    rng = np.random.default_rng(0)
+    rough, _ = repair(rough)
+    rough = rough.with_points(rough.points + 0.04 * rng.standard_normal(rough.points.shape))
+    table = edge_table(rough.faces)
+    border = np.unique(table.edges[table.count == 1])
+    assert self_intersecting_faces(rough.points, rough.faces)[
+        np.isin(rough.faces, border).any(axis=1)
+    ].any()
+    mesh, report = repair(rough)
+    assert report.crossing_faces == 0 < report.crossed_faces
+    assert not self_intersecting_faces(mesh.points, mesh.faces).any()
+    again, report = repair(rough, hold_boundary=True)
+    np.testing.assert_array_equal(again.points[border], rough.points[border])
+    assert report.crossing_faces < report.crossed_faces
+
+
 def test_overlapping_pieces_are_united():
     apart = moved(icosphere(1), 9)
     pieces = joined(cube(), moved(cube(), 0.5, 0.25, 0.25), apart)
