@@ -25,7 +25,7 @@ from remesh.guard import squared_edge
 MOST_NEIGHBOURS = 60
 
 
-def collapse_short_edges(work, shortest, longest, sigma, limits, at_most=None):
+def collapse_short_edges(work, shortest, longest, sigma, limits, at_most=None, chosen=None):
     """Collapse edges shorter than `shortest`; return how many were collapsed.
 
     Parameters
@@ -40,12 +40,16 @@ def collapse_short_edges(work, shortest, longest, sigma, limits, at_most=None):
         Every changed triangle must reach the last two.
     at_most : int, optional
         Stop after so many.
+    chosen : (m,) bool array, optional
+        Only edges of these triangles, by their number in the work mesh.
     """
     at_most = np.iinfo(np.int64).max if at_most is None else at_most
     mark = np.zeros(len(work.links), np.int64)
+    if chosen is None:
+        chosen = np.ones(int(work.counts[TRIANGLES]), np.bool_)
     return sweep_collapses(
         work.halves, work.links, work.rows, work.counts, sigma**2, shortest**2, longest**2,
-        as_tangents(limits), at_most, mark,
+        as_tangents(limits), at_most, chosen, mark,
     )  # fmt: skip
 
 
@@ -130,7 +134,7 @@ def enough_edges(halves, links, h, drop):
 
 @allocating
 def sweep_collapses(
-    halves, links, rows, counts, sigma2, shortest2, longest2, limits, at_most, mark
+    halves, links, rows, counts, sigma2, shortest2, longest2, limits, at_most, chosen, mark
 ):
     """One pass over all edges; returns the number of collapses."""
     fan_a, fan_b = np.empty(MAX_RING, np.int64), np.empty(MAX_RING, np.int64)
@@ -138,6 +142,8 @@ def sweep_collapses(
     for h in range(3 * counts[TRIANGLES]):
         g = halves[h, TWIN]
         if halves[h, ORIGIN] < 0 or (0 <= g < h) or done >= at_most:
+            continue
+        if not (chosen[h // 3] or (g >= 0 and chosen[g // 3])):
             continue
         a, b = halves[h, ORIGIN], halves[following(h), ORIGIN]
         va, vb = links[a, BASE], links[b, BASE]

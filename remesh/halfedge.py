@@ -91,6 +91,16 @@ class WorkMesh:
         compact_arrays(self.halves, self.links, self.rows, self.labels, self.counts)
         self.links[self.counts[ROWS] : used] = -1
 
+    def saved(self):
+        """Copies of all that operations change, for `restore`."""
+        return tuple(
+            a.copy() for a in (self.halves, self.links, self.rows, self.labels, self.counts)
+        )
+
+    def restore(self, state):
+        """Go back to what `saved` returned."""
+        self.halves, self.links, self.rows, self.labels, self.counts = (a.copy() for a in state)
+
     def base_rows(self):
         """The rows (n,) that stand for a vertex, in ascending order."""
         used = self.links[: self.counts[ROWS], BASE]
