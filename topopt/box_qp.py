@@ -154,7 +154,7 @@ def on_bounds(qp, sets, x):
     return np.where(sets > 0, qp.upper, np.where(sets < 0, qp.lower, x))
 
 
-def solve_equality(qp, sets, x):
+def solve_equality(qp, sets, x, reduction=0.0):
     """Minimise over the inactive nodes, the active ones held at their bounds, volume met.
 
     Parameters
@@ -164,21 +164,26 @@ def solve_equality(qp, sets, x):
         With at least one inactive node.
     x : (n,) float array
         Start.
+    reduction : float
+        How much smaller than the start's the residual need only get.
 
     Returns
     -------
     x : (n,) float array
         Not necessarily within the bounds.
     kappa : float
+    solved : bool
+        Whether to the programme's tolerance.
     """
     system = ReducedSystem(qp, as_rows(sets == 0))
     x = on_bounds(qp, sets, x)
     answer = system.precondition(system.mass)
     missing = qp.volume - float(qp.mass @ x)
     x[system.rows] += missing / float(system.mass @ answer) * answer
-    moved, kappa = system.solve_in_plane((qp.linear - qp.product(x))[system.rows], answer)
+    right_side = (qp.linear - qp.product(x))[system.rows]
+    moved, kappa, solved = system.solve_in_plane(right_side, answer, reduction)
     x[system.rows] += moved
-    return x, kappa
+    return x, kappa, solved
 
 
 def projected_newton(qp, kappa, x, tolerance=1e-13):
@@ -299,7 +304,7 @@ def _finish(qp, x, kappa, iterations, history):
     sets = sets_of(qp, x)
     reach = float(np.max(qp.upper - qp.lower))
     if np.any(sets == 0):
-        polished, kappa_polished = solve_equality(qp, sets, x)
+        polished, kappa_polished, _ = solve_equality(qp, sets, x)
         clipped = np.clip(polished, qp.lower, qp.upper)
         if np.abs(clipped - polished).max() <= 1e-12 * reach:
             x, kappa = clipped, kappa_polished

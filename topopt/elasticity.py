@@ -205,16 +205,19 @@ class ElasticModel:
 
     def _stress_forces(self, displacement, factor):
         """Forces (n, 3) [N] of the stress of a displacement (n, 3), the factor as above."""
-        result = np.zeros_like(displacement)
-        kernels.stress_forces(
+        stress, result = np.empty((len(factor), 6)), np.empty(displacement.shape)
+        kernels.stresses(
             np.ascontiguousarray(displacement),
             self.mesh.tets,
             self.geometry.gradients,
             self.material.lame_lambda,
             self.material.lame_mu,
             factor * self.volumes,
-            result,
+            stress,
         )
+        corners = self.geometry.corners
+        gradients = self.geometry.gradients
+        kernels.stress_forces(corners.start, corners.places, gradients, stress, result)
         return result
 
     def reactions(self, phi, state, k=0):
@@ -315,8 +318,7 @@ class ElasticModel:
             if case.gravity and np.any(self.gravity):
                 forces += self.body_force(direction)
             change, _, solution = self._solve(forces, first, tolerance)
-            bend = self.energy_density(u + change) - self.energy_density(u - change)
-            density += 0.5 * case.weight * bend  # w is quadratic
+            density += 2.0 * case.weight * self.energy_density(u, change)  # w is quadratic
             displacements.append(change)
             iterations += solution.iterations
         return Response(np.stack(displacements), density, iterations)
@@ -348,11 +350,15 @@ class ElasticModel:
         second_order = float(np.vdot(solution.residual_vector, solution.displacement))
         return displacement, second_order, solution
 
-    def energy_density(self, displacement):
-        """Return w = eps(u) : C_mat : eps(u) (m,) [J/m^3] on each tet, for u (n, 3) [m]."""
+    def energy_density(self, displacement, other=None):
+        """Return w = eps(u) : C_mat : eps(v) (m,) [J/m^3] on each tet, for u and v (n, 3) [m].
+
+        v = u if no other is given.
+        """
         result = np.empty(len(self.mesh.tets))
         kernels.energy_density(
             displacement,
+            displacement if other is None else other,
             self.mesh.tets,
             self.geometry.gradients,
             self.material.lame_lambda,

@@ -14,15 +14,18 @@ from topopt.kkt import KKT, kkt_conditions
 from topopt.parameters import auto_gamma
 from topopt.pdas import solve_step
 from topopt.projection import project_volume
-from topopt.secants import Secants, low_rank_part
+from topopt.secants import Secants
 from topopt.step_control import FixedStep, first_rule, sufficient_decrease
 
 MAX_REJECTIONS = 40
 STAGNATION_STEPS = 5
 LEAST_DECREASE = 1e-13  # relative; below, J is only rounding
 FINEST_TOLERANCE = 1e-10
-QP_SHARE = 1e-6  # of the KKT residual: how exactly a step's programme is solved
-LOOSEST_QP = 1e-7
+LAST_TOLERANCE = 1e-6  # of the state that a run ends with
+STATE_SHARE = 0.1  # of the root of the last step's gain: how exactly the next state is solved
+QP_SHARE = 1e-4  # of the KKT residual: how exactly a step's programme is solved
+LOOSEST_QP = 1e-5
+DRAFT = 10.0  # so much less exactly where the solution is only asked for a product with J''
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,15 +188,19 @@ class Flow:
         volume = (self.volume, self.pressure, self.lower, self.upper)
         return kkt_conditions(phi, gradient, self.mass, *volume)
 
-    def _programme(self, loop, metric, secants=None):
-        """The quadratic programme of one step from `loop` in the metric D (n,), and secants."""
+    def polished(self, phi, state):
+        """The State of phi (n,), as exact as what a run ends with is told."""
+        if state.residual <= LAST_TOLERANCE:
+            return state
+        return self.model.solve(phi, state.displacements, LAST_TOLERANCE)
+
+    def _programme(self, loop, metric, low_rank=(), draft=False):
+        """The quadratic programme of one step from `loop` in the metric D (n,) + W^T C W."""
         stiffness, coupling = self.energy.stiffness, self.gamma * self.energy.eps
-        low_rank = ()
-        if secants is not None and len(secants.steps):
-            low_rank = low_rank_part(secants, stiffness, coupling, metric)
         bounds = (self.volume, self.lower, self.upper)
         qp = StepQP(stiffness, coupling, metric, loop.gradient, self.mass, *bounds, *low_rank)
         tolerance = min(max(QP_SHARE * loop.kkt.residual, CG_TOLERANCE), LOOSEST_QP)
+        tolerance *= DRAFT if draft else 1.0
         return replace(qp, linear=qp.product(loop.phi) - loop.gradient, tolerance=tolerance)
 
     def _solve(self, loop, phi, start=None):
@@ -205,7 +212,7 @@ class Flow:
         gain = 1.0
         if len(rows) > 1:
             gain = abs(1.0 - rows[-1].objective_J / rows[-2].objective_J)
-            tolerance = min(tolerance, max(1e-2 * np.sqrt(gain), FINEST_TOLERANCE))
+            tolerance = min(tolerance, max(STATE_SHARE * np.sqrt(gain), FINEST_TOLERANCE))
         start = loop.state.displacements if start is None else start
         state = self.model.solve(phi, start, tolerance)
         if state.compliance_error > 0.01 * gain * abs(loop.objective):
@@ -215,10 +222,16 @@ class Flow:
 
     def _arrive(self, phi, state, rule, history, secants, tau, effort=(0, 0, None)):
         """The LoopState at phi, its history longer by one row."""
+        rejected, systems, iterations = effort
+        iterations = state.iterations if iterations is None else iterations
         gradient = self.gradient(phi, state)
         kkt = self.conditions(phi, gradient)
+        if kkt.residual < self.settings.tolerance and state.residual > LAST_TOLERANCE:
+            state = self.polished(phi, state)  # the run may end here: make sure
+            iterations += state.iterations
+            gradient = self.gradient(phi, state)
+            kkt = self.conditions(phi, gradient)
         interface = self.gamma * self.energy.energy(phi)
-        rejected, systems, iterations = effort
         row = HistoryRow(
             iteration=self._number(history),
             level=self.level,
@@ -229,7 +242,7 @@ class Flow:
             tau=tau,
             rejected=rejected,
             pdas_iterations=systems,
-            state_iterations=state.iterations if iterations is None else iterations,
+            state_iterations=iterations,
             kkt_residual=kkt.residual,
             kkt_stationarity=kkt.stationarity,
             kkt_complementarity=kkt.complementarity,

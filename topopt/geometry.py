@@ -1,10 +1,12 @@
 """P1 geometry of a tetrahedral mesh: volumes, gradients of the hat functions, lumped mass."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from meshes.errors import InvalidMesh
+from topopt import geometry_kernels as kernels
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,11 +20,47 @@ class TetGeometry:
         gradients[e, a] is the constant gradient of the hat function of corner a on tet e.
     lumped_mass : (n,) float array [m^3]
         int N_i, the diagonal of the row-sum lumped mass matrix; it sums to the domain's volume.
+    tets : (m, 4) int array
     """
 
     volumes: np.ndarray
     gradients: np.ndarray
     lumped_mass: np.ndarray
+    tets: np.ndarray
+
+    @cached_property
+    def corners(self):
+        """The NodeCorners of the mesh."""
+        return NodeCorners(self.tets, len(self.lumped_mass))
+
+
+class NodeCorners:
+    """Which corners of which tets each node is, so that sums over tets are gathered by nodes.
+
+    Threads never meet, and the order of the terms does not depend on them.
+
+    Parameters
+    ----------
+    tets : (m, 4) int array
+    n_points : int
+
+    Attributes
+    ----------
+    start : (n + 1,) int32 array
+    places : (4 m,) int32 array
+        Node i is the corners 4 e + a in places[start[i]:start[i + 1]], in the order of the tets.
+    """
+
+    def __init__(self, tets, n_points):
+        self.places = np.argsort(tets, axis=None, kind="stable").astype(np.int32)
+        counts = np.bincount(tets.ravel(), minlength=n_points)
+        self.start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+
+    def sums(self, local):
+        """Sum (n,) over the tets at each node of the values local (m, 4) of their corners."""
+        result = np.empty(len(self.start) - 1)
+        kernels.node_sums(self.start, self.places, local.ravel(), result)
+        return result
 
 
 def tet_geometry(mesh):
@@ -58,7 +96,7 @@ def tet_geometry(mesh):
     )
     for array in (volumes, gradients, lumped_mass):
         array.flags.writeable = False
-    return TetGeometry(volumes, gradients, lumped_mass)
+    return TetGeometry(volumes, gradients, lumped_mass, mesh.tets)
 
 
 def _check_orientation(six_volumes):

@@ -9,7 +9,7 @@ load cases u and w are the weighted sums.
 
 import numpy as np
 
-from topopt.interpolation import mean_cube_pullback
+from topopt.interpolation import mean_cube_bend, mean_cube_pullback
 
 
 def compliance_gradient(model, phi, state):
@@ -28,7 +28,7 @@ def compliance_gradient(model, phi, state):
     j_i = - sum_e (1 - r) d mean(phi^3)_e / d phi_i |e| w_e + 2 int N_i rho G.u.
     """
     weights = -(1.0 - model.material.void_ratio) * model.volumes * state.energy_density
-    gradient = mean_cube_pullback(phi, model.mesh.tets, weights)
+    gradient = mean_cube_pullback(phi, model.mesh.tets, weights, model.geometry.corners)
     if np.any(model.gravity):
         gradient += 2.0 * model.body_force_work(model.weighted_displacement(state))
     return gradient
@@ -44,17 +44,11 @@ def curvature_along(model, phi, state, direction, response):
     direction : (n,) float array
     response : Response
         The model's, for the state and the direction.
-
-    Notes
-    -----
-    The gradient's terms are at most quadratic in phi, so that central differences are exact.
     """
-    tets = model.mesh.tets
     weights = -(1.0 - model.material.void_ratio) * model.volumes
     still, moving = weights * state.energy_density, weights * response.energy_density
-    ahead = mean_cube_pullback(phi + direction, tets, still)
-    behind = mean_cube_pullback(phi - direction, tets, still)
-    result = 0.5 * (ahead - behind) + mean_cube_pullback(phi, tets, moving)
+    corners = model.geometry.corners
+    result = mean_cube_bend(phi, direction, model.mesh.tets, still, moving, corners)
     if np.any(model.gravity):
         result += 2.0 * model.body_force_work(model.weighted_displacement(response))
     return result
@@ -65,13 +59,8 @@ def concavity(model, phi, state):
 
     For smooth phi and w that is 6 phi w times the lumped mass. The compliance itself never curves
     upward by more than twice this.
-
-    Notes
-    -----
-    h3 is homogeneous: sum_j d_j d_i h3 = d_i (6 h2) = 6 (p1 + phi_i), with mean(phi^3) = h3 / 20.
     """
     tets = model.mesh.tets
-    corners = phi[tets]
-    weights = 0.3 * (1.0 - model.material.void_ratio) * model.volumes * state.energy_density
-    local = weights[:, None] * (corners.sum(axis=1)[:, None] + corners)
-    return np.bincount(tets.ravel(), local.ravel(), minlength=len(phi))
+    weights = (1.0 - model.material.void_ratio) * model.volumes * state.energy_density
+    ones, none = np.ones(len(phi)), np.zeros(len(tets))
+    return mean_cube_bend(phi, ones, tets, weights, none, model.geometry.corners)

@@ -11,6 +11,7 @@ h3 being the complete homogeneous polynomial of degree 3 of the four corner valu
 import numpy as np
 
 from topopt import interpolation_kernels as kernels
+from topopt.geometry import NodeCorners
 
 
 def mean_cube(phi, tets):
@@ -27,17 +28,40 @@ def stiffness_factor(phi, tets, void_ratio):
 
 def stiffness_slope(phi, direction, tets, void_ratio):
     """Derivative (m,) of `stiffness_factor` at phi (n,) along a direction (n,)."""
-    forward, backward = mean_cube(phi + direction, tets), mean_cube(phi - direction, tets)
-    return (1.0 - void_ratio) * (0.5 * (forward - backward) - mean_cube(direction, tets))
+    none = np.zeros(len(tets))
+    return (1.0 - void_ratio) * _slopes(phi, direction, tets, none, none)[0]
 
 
-def mean_cube_pullback(phi, tets, weights):
+def mean_cube_pullback(phi, tets, weights, corners=None):
     """Return sum over tets e of weights[e] * d mean(phi^3)_e / d phi_i at every node i: (n,).
 
     With weights (m,) = -(1 - r) volume w this is the elastic part of the gradient of the
-    compliance.
+    compliance. `corners` are the mesh's NodeCorners, if they are at hand.
     """
-    result = np.zeros(len(phi))
-    phi = np.ascontiguousarray(phi, dtype=float)
-    kernels.mean_cube_pullback(phi, tets, np.ascontiguousarray(weights, dtype=float), result)
-    return result
+    return mean_cube_bend(phi, np.zeros(len(phi)), tets, np.zeros(len(tets)), weights, corners)
+
+
+def mean_cube_bend(phi, direction, tets, still, moving, corners=None):
+    """How the pullback of weights changes with phi along a direction, and that of more weights.
+
+    sum over tets e of still[e] * d^2 mean(phi^3)_e / d phi_i d phi_j direction_j, summed over j,
+    + moving[e] * d mean(phi^3)_e / d phi_i at every node i: (n,).
+
+    Parameters
+    ----------
+    phi, direction : (n,) float arrays
+    tets : (m, 4) int array
+    still, moving : (m,) float arrays
+    corners : NodeCorners, optional
+    """
+    corners = NodeCorners(tets, len(phi)) if corners is None else corners
+    return corners.sums(_slopes(phi, direction, tets, still, moving)[1])
+
+
+def _slopes(phi, direction, tets, still, moving):
+    """Slope (m,) and local (m, 4) of the kernel `mean_cube_slope`."""
+    slope, local = np.empty(len(tets)), np.empty((len(tets), 4))
+    fields = (np.ascontiguousarray(values, dtype=float) for values in (phi, direction))
+    weights = (np.ascontiguousarray(values, dtype=float) for values in (still, moving))
+    kernels.mean_cube_slope(*fields, tets, *weights, slope, local)
+    return slope, local

@@ -66,6 +66,35 @@ def gram(left, right):
         return np.add.accumulate(gram_of_blocks(left, right))[-1]
 
 
+@njit(parallel=True, **PLAIN)
+def pack_blocks(learned, rows, jacobi, packed, partial):
+    """packed (k, R) = learned[:, rows]; partial (blocks, k, k): packed J^-1 packed^T by blocks.
+
+    Only entries a <= b of partial are written.
+    """
+    k, size = packed.shape
+    for block in prange(partial.shape[0]):
+        start, stop = block * BLOCK, min((block + 1) * BLOCK, size)
+        scaled = np.empty(stop - start)
+        for b in range(k):
+            for place in range(start, stop):
+                packed[b, place] = learned[b, rows[place]]
+                scaled[place - start] = packed[b, place] / jacobi[place]
+            for a in range(b + 1):
+                partial[block, a, b] = dot(packed[a, start:stop], scaled)
+
+
+def pack(learned, rows, jacobi):
+    """W on the rows (k, R), and W_R J^-1 W_R^T (k, k), for learned = W (k, n), jacobi (R,)."""
+    k, size = len(learned), len(rows)
+    packed = np.empty((k, size), np.float32)
+    partial = np.zeros(((size + BLOCK - 1) // BLOCK, k, k))
+    with threads_that_pay(size):
+        pack_blocks(learned, rows, jacobi, packed, partial)
+    upper = np.add.accumulate(partial)[-1]
+    return packed, upper + np.triu(upper, 1).T
+
+
 @njit(**PLAIN)
 def small_product(matrix, x, out):
     """out = matrix x, for matrix (k, k) and x, out (k,)."""
@@ -105,7 +134,7 @@ def multiply(indptr, indices, data, coupling, diagonal, learned, lifted, x, out)
 @njit(parallel=True, **PLAIN)
 def conjugate_gradients(
     indptr, indices, data, coupling, diagonal, jacobi, packed, core, inner, weight, rows,
-    mass, answer, x, r, tolerance, max_iterations,
+    mass, answer, x, r, tolerance, reduction, max_iterations,
 ):  # fmt: skip
     """Solve H_RR x + kappa m = rhs, m.x = 0 on the rows R; without the constraint where m = 0.
 
@@ -124,6 +153,7 @@ def conjugate_gradients(
     x : (R,) start; holds the solution afterwards
     r : (R,) the start's rhs - H x - kappa m, orthogonal to P^-1 m; overwritten
     tolerance : absolute bound on sqrt(r^T P^-1 r)
+    reduction : the same relative to the start; the weaker of the two counts
     max_iterations : int
 
     Returns
@@ -132,6 +162,8 @@ def conjugate_gradients(
         -1 if they did not suffice (a number is not finite, H is not definite).
     kappa : float
         Beyond that of the start.
+    norm : float
+        sqrt(r^T P^-1 r) at the end.
     """
     k, size = packed.shape
     n_blocks = (size + BLOCK - 1) // BLOCK
@@ -142,7 +174,7 @@ def conjugate_gradients(
     for a in range(k):
         held[a] = dot(packed[a], answer)
     level = dot(mass, answer)
-    step, last, push, kappa = 0.0, 0.0, 0.0, 0.0
+    step, last, push, kappa, goal = 0.0, 0.0, 0.0, 0.0, tolerance
     for iteration in range(max_iterations + 1):
         for block in prange(n_blocks):  # x += step p, r -= step H p, moments W J^-1 r
             start, stop = block * BLOCK, min((block + 1) * BLOCK, size)
@@ -170,9 +202,12 @@ def conjugate_gradients(
         sum_rows(partial, sums)
         norm = sums[0]
         if not np.isfinite(norm):
-            return -1, kappa
-        if np.sqrt(max(norm, 0.0)) <= tolerance:
-            return iteration, kappa
+            return -1, kappa, norm
+        length = np.sqrt(max(norm, 0.0))
+        if iteration == 0:
+            goal = max(tolerance, reduction * length)
+        if length <= goal:
+            return iteration, kappa, length
         beta = norm / last if last > 0.0 else 0.0
         small_product(weight, shift, lifted)
         for a in range(k):
@@ -194,8 +229,8 @@ def conjugate_gradients(
         sum_rows(partial, sums)
         curvature = sums[0] + dot(along, lifted)
         if not curvature > 0.0:
-            return -1, kappa
+            return -1, kappa, length
         step, last = norm / curvature, norm
         push = (sums[1] + dot(held, lifted)) / level if level > 0.0 else 0.0
         kappa -= step * push
-    return -1, kappa
+    return -1, kappa, length

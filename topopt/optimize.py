@@ -66,7 +66,7 @@ class OptimizationSettings:
     stagnation: float = 1e-4
     volume_constraint: bool = True
     solver: str = "auto"
-    state_tolerance: float = 1e-4
+    state_tolerance: float = 1e-2
     check_resolution: bool = True
 
 
@@ -143,7 +143,7 @@ def optimize(mesh, problem, settings=None, start=None, callback=None, model=None
         outcome = "interrupted"
     return OptimizationResult(
         phase_field=PhaseField(mesh, loop.phi),
-        state=loop.state,
+        state=flow.polished(loop.phi, loop.state),
         history=loop.history,
         kkt=loop.kkt,
         outcome=outcome,

@@ -24,6 +24,7 @@ from topopt.projection import project_in_metric
 
 MAX_ITERATIONS = 30
 NEAR = 100.0  # tolerances of the linear systems: what the sets may still be off by
+REDUCTION = 0.01  # of a linear system's residual, while the sets still change
 
 
 def solve_step(qp, start):
@@ -73,22 +74,26 @@ def active_set_iteration(qp, sets, x):
     StepSolution or None
         None if the sets repeat without standing still, or no node is inactive.
     """
-    seen = set()
+    seen, reduction = set(), REDUCTION
     for iteration in range(1, MAX_ITERATIONS + 1):
         if not np.any(sets == 0):
             return None
-        x, kappa = solve_equality(qp, sets, x)
+        x, kappa, solved = solve_equality(qp, sets, x, reduction)
         multiplier = qp.multiplier(x, kappa)
         mu = np.where(sets != 0, multiplier / qp.mass, 0.0)
         updated = update_sets(qp, x, mu)
-        if np.array_equal(updated, sets) or is_near(qp, x, multiplier):
+        stand = np.array_equal(updated, sets)
+        if solved and (stand or is_near(qp, x, multiplier)):
             x = meet_volume(qp, np.clip(x, qp.lower, qp.upper))
             sets = sets_of(qp, x)
             mu = np.where(sets != 0, multiplier / qp.mass, 0.0)
             return StepSolution(x, kappa, mu, sets, iteration, False)
         digest = blake2b(updated.tobytes(), digest_size=16).digest()
-        if digest in seen:
-            return None
+        if stand or digest in seen:
+            if reduction == 0.0:
+                return None
+            reduction = 0.0
+            seen.clear()
         seen.add(digest)
         sets = updated
     return None

@@ -3,7 +3,7 @@
 import numpy as np
 
 from meshes.errors import NotConverged
-from topopt.low_rank_kernels import conjugate_gradients, gram, threads_that_pay
+from topopt.low_rank_kernels import conjugate_gradients, gram, pack, threads_that_pay
 
 STEEPEST = -0.5  # see `ReducedSystem`
 
@@ -25,36 +25,35 @@ class ReducedSystem:
         self._qp, self.rows = qp, rows
         self.mass = qp.mass[rows]
         self._jacobi = qp.jacobi[rows]
-        self._packed = np.ascontiguousarray(qp.learned[:, rows])
-        self._inner, self._weight = self._core()
+        self._packed, self._weight = pack(qp.learned, rows, self._jacobi)
+        self._inner = self._core()
 
     def _core(self):
-        """Core of P^-1 = J^-1 - J^-1 W^T core W J^-1, and W J^-1 W^T: (k, k) each."""
-        weight = gram(self._packed, self._packed / self._jacobi)
-        weight = 0.5 * (weight + weight.T)
-        squares, vectors = np.linalg.eigh(weight)
+        """Core (k, k) of P^-1 = J^-1 - J^-1 W^T core W J^-1."""
+        squares, vectors = np.linalg.eigh(self._weight)
         kept = squares > 1e-12 * squares.max(initial=0.0)
         root = vectors[:, kept] / np.sqrt(squares[kept])
         back = vectors[:, kept] * np.sqrt(squares[kept])
         values, turn = np.linalg.eigh(back.T @ self._qp.core @ back)
         values = np.maximum(values, STEEPEST)
         basis = root @ turn
-        return (basis * (values / (1.0 + values))) @ basis.T, weight
+        return (basis * (values / (1.0 + values))) @ basis.T
 
     def precondition(self, r):
         """P^-1 r (R,)."""
         scaled = r / self._jacobi
         shift = self._inner @ gram(self._packed, scaled[None])[:, 0]
+        rest = r.copy()
         for factor, row in zip(shift, self._packed, strict=True):
-            scaled -= factor * row / self._jacobi
-        return scaled
+            rest -= factor * row
+        return rest / self._jacobi
 
     def solve(self, right_side, scale):
         """H_RR^-1 right_side (R,), to the programme's tolerance times `scale`."""
         nothing = np.zeros(len(self.rows))
         return self._iterate(right_side.copy(), nothing, nothing, scale)[0]
 
-    def solve_in_plane(self, right_side, answer):
+    def solve_in_plane(self, right_side, answer, reduction=0.0):
         """Solve H_RR x + kappa m = right_side, m.x = 0.
 
         Parameters
@@ -62,24 +61,29 @@ class ReducedSystem:
         right_side : (R,) float array
         answer : (R,) float array
             P^-1 m.
+        reduction : float
+            How much smaller than that of x = 0 the residual need only get.
 
         Returns
         -------
         x : (R,) float array
         kappa : float
+        solved : bool
+            Whether to the programme's tolerance.
         """
         qp = self._qp
         kappa = float(answer @ right_side / (answer @ self.mass))
         scale = float(np.max(qp.upper - qp.lower) * np.sqrt(self._jacobi.sum()))
-        x, more = self._iterate(right_side - kappa * self.mass, self.mass, answer, scale)
-        return x, kappa + more
+        rest = right_side - kappa * self.mass
+        x, more, norm = self._iterate(rest, self.mass, answer, scale, reduction)
+        return x, kappa + more, norm <= qp.tolerance * scale
 
-    def _iterate(self, r, mass, answer, scale):
+    def _iterate(self, r, mass, answer, scale, reduction=0.0):
         qp, x = self._qp, np.zeros(len(self.rows))
-        limits = (qp.tolerance * scale, 20 * int(np.sqrt(len(x))) + 2000)
+        limits = (qp.tolerance * scale, reduction, 20 * int(np.sqrt(len(x))) + 2000)
         low_rank = (self._packed, qp.core, self._inner, self._weight, self.rows)
         with threads_that_pay(len(x)):
-            iterations, kappa = conjugate_gradients(
+            iterations, kappa, norm = conjugate_gradients(
                 *qp.matrix, self._jacobi, *low_rank, mass, answer, x, r, *limits
             )
         if iterations < 0:
@@ -87,4 +91,4 @@ class ReducedSystem:
                 f"the step's linear system on {len(x)} nodes does not converge; the field, the "
                 "sensitivities or the step size hold numbers that are not finite or far too large."
             )
-        return x, kappa
+        return x, kappa, norm

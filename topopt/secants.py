@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from topopt.low_rank_kernels import gram
+from topopt.low_rank_kernels import dot, multiply, threads_that_pay
 
 MEMORY = 15  # pairs
 DAMPING = 0.1  # least s.y in units of s.B0 s
@@ -37,58 +37,106 @@ class Secants:
         """No pair yet, for fields of n nodes."""
         return cls(np.zeros((0, n)), np.zeros((0, n)))
 
-    def after(self, step, change):
-        """These and one more pair, the oldest dropped beyond MEMORY."""
-        return Secants(
-            np.vstack([self.steps, step])[-MEMORY:], np.vstack([self.changes, change])[-MEMORY:]
-        )
 
+class SecantMetric:
+    """The metric B over one base B0 = diag(D) + coupling A, taught pair by pair.
 
-def low_rank_part(secants, stiffness, coupling, diagonal):
-    """W and C of B = B0 + W^T C W, with B0 = diag(D) + coupling A.
+    A further pair costs one product with B0, and its row of S^T B0 S and of S^T Y.
 
     Parameters
     ----------
     secants : Secants
-        With at least one pair.
     stiffness : (n, n) CSR matrix [m]
         A.
     coupling : float
     diagonal : (n,) float array
         D > 0.
 
-    Returns
-    -------
-    learned : (2 k, n) float32 array
-    core : (2 k, 2 k) float array
-
     Notes
     -----
     R. Byrd, J. Nocedal, R. Schnabel, Representations of quasi-Newton matrices and their use in
     limited memory methods, Math. Programming 63 (1994), theorem 2.3; damping: M. Powell (1978).
     """
-    s, y = secants.steps, secants.changes
-    base = diagonal * s
-    base += coupling * (stiffness @ s.T).T
-    sbs, sy = gram(s, base), gram(s, y)
-    bent, seen = np.diag(sbs), np.diag(sy)
-    keep = np.flatnonzero(bent > LEAST_STEP * bent.max())
-    gap = np.where(bent > seen, bent - seen, 1.0)
-    share = np.where(seen < DAMPING * bent, (1.0 - DAMPING) * bent / gap, 1.0)
-    sy = share * sy + (1.0 - share) * sbs  # of y damped: share y + (1 - share) B0 s
-    kept = np.ix_(keep, keep)
-    sbs, sy = sbs[kept], sy[kept]
-    lower, squares = np.tril(sy, -1), np.diag(np.diag(sy))
-    middle = np.block([[sbs, lower], [lower.T, -squares]])
-    scale = 1.0 / np.sqrt(np.abs(np.diag(middle)))
-    unit = float(diagonal.sum())  # W without unit: single precision rounds at any scale alike
-    learned = np.empty((2 * len(keep), s.shape[1]), np.float32)
-    first, second = np.split(scale / np.sqrt(unit), 2)
-    for k, pair in enumerate(keep):
-        np.multiply(first[k], base[pair], out=learned[k], casting="same_kind")
-        own = second[k] * share[pair] * y[pair]
-        if share[pair] < 1.0:
-            own += second[k] * (1.0 - share[pair]) * base[pair]
-        learned[len(keep) + k] = own
-    core = -unit * np.linalg.inv(middle * scale * scale[:, None])
-    return learned, 0.5 * (core + core.T)
+
+    def __init__(self, secants, stiffness, coupling, diagonal):
+        matrix = (stiffness.indptr, stiffness.indices, stiffness.data)
+        self._base = (*matrix, coupling, diagonal)
+        self._steps, self._changes, self._stretched = [], [], []  # s, y and B0 s
+        self._bent = self._seen = np.zeros((0, 0))  # S^T B0 S, and the lower half of S^T Y
+        for step, change in zip(secants.steps, secants.changes, strict=True):
+            self.learn(step, change)
+
+    def learn(self, step, change):
+        """Take in the pair s (n,), y (n,) [J]; the oldest one is dropped beyond MEMORY."""
+        if len(self._steps) == MEMORY:
+            for rows in (self._steps, self._changes, self._stretched):
+                del rows[0]
+            self._bent, self._seen = self._bent[1:, 1:], self._seen[1:, 1:]
+        step, change = np.ascontiguousarray(step), np.ascontiguousarray(change)
+        self._steps.append(step)
+        self._changes.append(change)
+        self._stretched.append(self._stretch(step))
+        self._bent = _bordered(self._bent, [dot(step, other) for other in self._stretched])
+        self._seen = _bordered(self._seen, [dot(step, other) for other in self._changes])
+
+    def _stretch(self, step):
+        """B0 s (n,)."""
+        out = np.empty(len(step))
+        with threads_that_pay(len(step)):
+            multiply(*self._base, np.zeros((0, len(step)), np.float32), np.zeros(0), step, out)
+        return out
+
+    @property
+    def secants(self):
+        """The pairs that it knows, as Secants."""
+        shape = (-1, len(self._base[-1]))
+        return Secants(
+            np.array(self._steps).reshape(shape), np.array(self._changes).reshape(shape)
+        )
+
+    def low_rank_part(self):
+        """W and C of B = B0 + W^T C W.
+
+        Returns
+        -------
+        learned : (2 k, n) float32 array
+        core : (2 k, 2 k) float array
+        """
+        diagonal = self._base[-1]
+        bent, seen = np.diag(self._bent), np.diag(self._seen)
+        if not len(bent):
+            return np.zeros((0, len(diagonal)), np.float32), np.zeros((0, 0))
+        keep = np.flatnonzero(bent > LEAST_STEP * bent.max())
+        gap = np.where(bent > seen, bent - seen, 1.0)
+        share = np.where(seen < DAMPING * bent, (1.0 - DAMPING) * bent / gap, 1.0)
+        sy = share * self._seen + (1.0 - share) * self._bent  # y damped: share y + rest B0 s
+        kept = np.ix_(keep, keep)
+        sbs, sy = self._bent[kept], sy[kept]
+        lower, squares = np.tril(sy, -1), np.diag(np.diag(sy))
+        middle = np.block([[sbs, lower], [lower.T, -squares]])
+        scale = 1.0 / np.sqrt(np.abs(np.diag(middle)))
+        unit = float(diagonal.sum())  # W without unit: single precision rounds at any scale alike
+        learned = np.empty((2 * len(keep), len(diagonal)), np.float32)
+        first, second = np.split(scale / np.sqrt(unit), 2)
+        for k, pair in enumerate(keep):
+            stretched = self._stretched[pair]
+            np.multiply(first[k], stretched, out=learned[k], casting="same_kind")
+            own = second[k] * share[pair] * self._changes[pair]
+            if share[pair] < 1.0:
+                own += second[k] * (1.0 - share[pair]) * stretched
+            learned[len(keep) + k] = own
+        core = -unit * np.linalg.inv(middle * scale * scale[:, None])
+        return learned, 0.5 * (core + core.T)
+
+
+def _bordered(square, row):
+    """The symmetric matrix (k + 1, k + 1) of one (k, k) and a last row (k + 1,)."""
+    out = np.empty((len(row), len(row)))
+    out[:-1, :-1] = square
+    out[-1], out[:, -1] = row, row
+    return out
+
+
+def low_rank_part(secants, stiffness, coupling, diagonal):
+    """W and C of the metric that some Secants teach; see `SecantMetric`."""
+    return SecantMetric(secants, stiffness, coupling, diagonal).low_rank_part()

@@ -10,7 +10,7 @@ from tests.topopt import reference_optimizer as reference
 from tests.topopt.test_pdas import ENERGY, check, mesh_qp
 from topopt.low_rank_kernels import gram
 from topopt.pdas import solve_step
-from topopt.secants import DAMPING, MEMORY, Secants, low_rank_part
+from topopt.secants import DAMPING, MEMORY, SecantMetric, Secants, low_rank_part
 
 COUPLING = 0.02
 
@@ -56,12 +56,17 @@ def test_definite_where_the_objective_bends_downward(least):
 
 
 def test_memory_keeps_the_newest_pairs_and_skips_empty_steps():
-    secants = Secants.none(len(ENERGY.mass))
     pairs = curved_pairs(MEMORY + 3)
+    none = Secants.none(len(ENERGY.mass))
+    metric = SecantMetric(none, ENERGY.stiffness, COUPLING, ENERGY.mass)
+    assert len(metric.low_rank_part()[0]) == 0 and metric.secants.steps.shape == none.steps.shape
     for step, change in zip(pairs.steps, pairs.changes):
-        secants = secants.after(step, change)
-    np.testing.assert_array_equal(secants.steps, pairs.steps[3:])
-    np.testing.assert_array_equal(secants.changes, pairs.changes[3:])
+        metric.learn(step, change)
+    np.testing.assert_array_equal(metric.secants.steps, pairs.steps[3:])
+    np.testing.assert_array_equal(metric.secants.changes, pairs.changes[3:])
+    newest = low_rank_part(metric.secants, ENERGY.stiffness, COUPLING, ENERGY.mass)
+    for part, whole in zip(metric.low_rank_part(), newest, strict=True):
+        np.testing.assert_array_equal(part, whole)
     some = curved_pairs(3)
     padded = Secants(
         np.vstack([some.steps, 0 * some.steps[:1]]), np.vstack([some.changes, 0 * some.changes[:1]])
