@@ -257,6 +257,7 @@ class ElasticModel:
             self._solve_case(self.forces(phi, case), lift, first, factor, tolerance)
             for case, lift, first in zip(cases, self._lifts, starts, strict=True)
         ]
+        errors = [self._solver.error_energy(solution.residual_vector) for *_, solution in found]
         seconds = (assembled - began, prepared - assembled, time.perf_counter() - prepared)
         weights = [case.weight for case in cases]
         displacements, compliances, solutions = zip(*found)
@@ -268,7 +269,7 @@ class ElasticModel:
             sum(densities),
             sum(solution.iterations for solution in solutions),
             max(solution.history[-1] for solution in solutions),
-            sum(weight * solution.error_energy for weight, solution in zip(weights, solutions)),
+            sum(weight * error for weight, error in zip(weights, errors)),
             solutions[-1].solver,
             *seconds,
         )

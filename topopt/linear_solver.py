@@ -72,6 +72,12 @@ class LinearSolver(Protocol):
         Raises NotConverged, with the history of residuals, where that cannot be reached.
         """
 
+    def error_energy(self, residual) -> float:
+        """r . B r [J] of a Solution's residual r (n, 3), B the preconditioner.
+
+        An estimate of r . K^-1 r, the squared energy norm of the solution's error.
+        """
+
 
 class DirectSolver:
     """A sparse LU factorisation: exact, and the reference for the others; for small meshes."""
@@ -104,11 +110,11 @@ class DirectSolver:
                 "is asked for: the matrix is singular or nearly so; check the supports.",
                 (size,),
             )
-        error = float(residual @ self._factors.solve(residual))
         shape = right_side.shape
-        return Solution(
-            x.reshape(shape), residual.reshape(shape), 1, (size,), max(error, 0.0), self.name
-        )
+        return Solution(x.reshape(shape), residual.reshape(shape), 1, (size,), self.name)
+
+    def error_energy(self, residual):
+        return max(float(residual.ravel() @ self._factors.solve(residual.ravel())), 0.0)
 
 
 class PyamgSolver:
@@ -162,16 +168,14 @@ class PyamgSolver:
                 "with better tets.",
                 history,
             )
-        preconditioned = self._hierarchy.aspreconditioner() @ residual
         shape = right_side.shape
         return Solution(
-            x.reshape(shape),
-            residual.reshape(shape),
-            len(history) - 2,
-            history,
-            max(float(residual @ preconditioned), 0.0),
-            self.name,
+            x.reshape(shape), residual.reshape(shape), len(history) - 2, history, self.name
         )
+
+    def error_energy(self, residual):
+        r = residual.ravel()
+        return max(float(r @ (self._hierarchy.aspreconditioner() @ r)), 0.0)
 
 
 class FallbackSolver:
@@ -199,12 +203,17 @@ class FallbackSolver:
         for k in range(len(self._makers)):
             try:
                 self._prepare(k)
-                return self._solvers[k].solve(right_side, start, tolerance)
+                solution = self._solvers[k].solve(right_side, start, tolerance)
+                self._answered = self._solvers[k]
+                return solution
             except NotConverged as stalled:
                 if k + 1 == len(self._makers):
                     raise
                 log.warning("%s Falling back to the next solver.", stalled)
         raise AssertionError("no solver to try")
+
+    def error_energy(self, residual):
+        return self._answered.error_energy(residual)
 
     def _prepare(self, k):
         if self._ready < k:

@@ -90,9 +90,7 @@ class SecantMetric:
     def secants(self):
         """The pairs that it knows, as Secants."""
         shape = (-1, len(self._base[-1]))
-        return Secants(
-            np.array(self._steps).reshape(shape), np.array(self._changes).reshape(shape)
-        )
+        return Secants(np.array(self._steps).reshape(shape), np.array(self._changes).reshape(shape))
 
     def low_rank_part(self):
         """W and C of B = B0 + W^T C W.

@@ -17,8 +17,6 @@ class Solution:
     iterations : int
     history : tuple of float
         Relative residual norms, oldest first.
-    error_energy : float [J]
-        r . B r, an estimate of the squared energy norm r . K^-1 r of the error.
     solver : str
         Who solved it.
     """
@@ -27,5 +25,4 @@ class Solution:
     residual_vector: np.ndarray
     iterations: int
     history: tuple[float, ...]
-    error_energy: float
     solver: str
