@@ -238,6 +238,7 @@ def set_threads(count):
     count = most if count is None else min(count, most)
     numba.set_num_threads(count)
     threadpoolctl.threadpool_limits(count)
+    threadpoolctl.threadpool_limits(1, user_api="blas")  # its threads would wait beside numba's
     return count
 
 

@@ -10,6 +10,7 @@ Symbols: phi phase field, F compliance, E Ginzburg-Landau energy, gamma and eps 
 from dataclasses import dataclass, field
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from meshes.errors import InvalidCase
 from meshes.phase_field import PhaseField
@@ -126,7 +127,13 @@ def optimize(mesh, problem, settings=None, start=None, callback=None, model=None
     NotConverged
         If a state problem or a quadratic programme cannot be solved.
     """
-    flow = prepare(mesh, problem, settings or OptimizationSettings(), start, model)
+    with threadpool_limits(1, user_api="blas"):  # its threads would wait beside numba's
+        return _optimize(mesh, problem, settings or OptimizationSettings(), start, callback, model)
+
+
+def _optimize(mesh, problem, settings, start, callback, model):
+    """`optimize` itself."""
+    flow = prepare(mesh, problem, settings, start, model)
     loop = start if isinstance(start, LoopState) else first_loop(flow, mesh, start)
     try:
         if callback and loop is not start:
