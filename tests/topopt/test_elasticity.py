@@ -231,6 +231,19 @@ def test_energy_density_and_von_mises_against_their_twins(bridge, bridge_states)
     assert_allclose(found, expected, rtol=1e-8, atol=1e-9 * expected.max())
 
 
+def test_forces_of_stresses_are_products_with_the_stiffness_matrix():
+    mesh = twin.perturbed_box((0, 0, 0), (2, 1, 1), (2, 1, 1))
+    free = twin.conditions(np.zeros(mesh.points.shape, bool), np.zeros(mesh.points.shape))
+    model = ElasticModel(mesh, twin.make_problem(), free, "direct")
+    rng = np.random.default_rng(8)
+    u, v, factor = *rng.normal(size=(2, *mesh.points.shape)), rng.random(len(mesh.tets))
+    matrix = twin.stiffness(mesh, model.material, factor, free.fixed)
+    forces = model.internal_forces(u, factor)
+    assert_allclose(forces.ravel(), matrix @ u.ravel(), atol=1e-12 * np.abs(forces).max())
+    mixed = (factor * model.volumes) @ model.energy_density(v, u)
+    assert mixed == pytest.approx(np.vdot(v, forces), rel=1e-12)
+
+
 def test_fixed_degrees_of_freedom_stay_at_zero(bridge, bridge_states):
     _, conditions, _ = bridge
     for state in bridge_states[1].values():

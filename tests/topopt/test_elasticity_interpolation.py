@@ -1,5 +1,6 @@
 """mean(phi^3) on a tet, its derivative, and P1 geometry."""
 
+import numba
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -8,8 +9,14 @@ from meshes.errors import InvalidMesh
 from meshes.structured import bcc_box
 from meshes.tet_mesh import TetMesh
 from tests.topopt import reference_elasticity as twin
-from topopt.geometry import mass_product, morton_order, tet_geometry
-from topopt.interpolation import mean_cube, mean_cube_pullback, stiffness_factor
+from topopt.geometry import NodeCorners, mass_product, morton_order, tet_geometry
+from topopt.interpolation import (
+    mean_cube,
+    mean_cube_bend,
+    mean_cube_pullback,
+    stiffness_factor,
+    stiffness_slope,
+)
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +48,34 @@ def test_pullback_is_the_derivative_of_the_weighted_sum(mesh, phi):
     )  # central differences of a cubic: the error is step^2 times its third derivative
     slope = mean_cube_pullback(phi, mesh.tets, weights) @ direction
     assert slope == pytest.approx((ahead - behind) / (2 * step), rel=1e-8)
+
+
+def test_slope_and_bend_are_derivatives_along_a_direction(mesh, phi):
+    rng = np.random.default_rng(5)
+    still, moving = rng.random((2, len(mesh.tets)))
+    direction, step = rng.standard_normal(len(phi)), 1e-5
+    moved = [phi + s * direction for s in (step, -step)]
+    ahead, behind = (stiffness_factor(values, mesh.tets, 0.01) for values in moved)
+    slope = stiffness_slope(phi, direction, mesh.tets, 0.01)
+    assert_allclose(slope, (ahead - behind) / (2 * step), atol=1e-9)
+    ahead, behind = (mean_cube_pullback(values, mesh.tets, still) for values in moved)
+    expected = (ahead - behind) / (2 * step) + mean_cube_pullback(phi, mesh.tets, moving)
+    bend = mean_cube_bend(phi, direction, mesh.tets, still, moving)
+    assert_allclose(bend, expected, atol=1e-9)
+
+
+def test_sums_at_nodes_are_scattered_ones_on_any_threads(mesh):
+    local = np.random.default_rng(6).random((len(mesh.tets), 4))
+    expected = np.zeros(len(mesh.points))
+    np.add.at(expected, mesh.tets, local)
+    corners = NodeCorners(mesh.tets, len(mesh.points))
+    before = numba.get_num_threads()
+    try:
+        for threads in {1, min(2, numba.config.NUMBA_NUM_THREADS)}:
+            numba.set_num_threads(threads)
+            np.testing.assert_array_equal(corners.sums(local), expected)
+    finally:
+        numba.set_num_threads(before)
 
 
 def test_geometry_against_inverse_matrices(mesh):

@@ -191,6 +191,20 @@ def test_stops_by_tolerance_and_by_stagnation(finished):
     assert objective[-1] > 0.5 * objective[-6]
 
 
+def test_ends_with_a_state_solved_exactly_whatever_the_way_was():
+    mesh, problem = cantilever((12, 4, 8))  # too large for the direct solver
+    settings = OptimizationSettings(60, state_tolerance=1e-2, tolerance=0.02, stagnation=0.0)
+    result = optimize(mesh, problem, settings)
+    flow = prepare(mesh, problem, settings, result.loop)
+    assert result.outcome == "tolerance" and result.state.residual <= 1e-6
+    exact = flow.model.solve(result.phase_field.values, None, 1e-9)
+    kkt = flow.conditions(result.loop.phi, flow.gradient(result.loop.phi, exact))
+    assert result.kkt.residual == pytest.approx(kkt.residual, rel=1e-5)
+    assert result.loop.objective == pytest.approx(flow.objective(result.loop.phi, exact), rel=1e-10)
+    first = optimize(mesh, problem, replace(settings, steps=2))
+    assert first.loop.state.residual > 1e-6 > first.state.residual
+
+
 def test_says_so_when_nothing_decreases_any_more():
     mesh = bcc_box((0, 0, 0), (1, 1, 1), (2, 2, 2))
     settings = OptimizationSettings(steps=60, tau=1.0, **ENDLESS)

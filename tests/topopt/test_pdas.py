@@ -15,6 +15,7 @@ from tests.topopt import reference_optimizer as reference
 from topopt import pdas
 from topopt.box_qp import StepQP, meet_volume, sets_of, solve_globalised
 from topopt.ginzburg_landau import GinzburgLandau
+from topopt.low_rank_kernels import pack
 from topopt.pdas import active_set_iteration, solve_step
 from topopt.projection import project_in_metric, project_volume
 from topopt.reduced_system import ReducedSystem
@@ -127,6 +128,30 @@ def test_long_steps_need_no_fallback_but_with_c_of_one_over_tau(monkeypatch):
         if solution.fallback:
             ends.append("cycle" if np.any(trace[-1] == 0) else "empty")
     assert {"cycle", "empty"} <= set(ends)
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
+def test_programmes_are_solved_as_exactly_as_is_asked_for(tolerance):
+    """In the root mean square, within ten times; box and volume hold to the last bit."""
+    for seed in range(5):
+        qp, phi = mesh_qp(3.0, seed, roughness=0.3)
+        exact = solve_step(qp, phi).x
+        solution = solve_step(replace(qp, tolerance=tolerance), phi)
+        error = np.sqrt(qp.mass @ (solution.x - exact) ** 2 / qp.mass.sum())
+        assert error < 10.0 * tolerance and not solution.fallback
+        assert np.all((solution.x >= qp.lower) & (solution.x <= qp.upper))
+        assert qp.mass @ solution.x == pytest.approx(qp.volume, rel=1e-14)
+
+
+def test_packed_rows_and_their_products():
+    rng = np.random.default_rng(4)
+    learned, jacobi = rng.normal(size=(5, 5000)).astype(np.float32), rng.uniform(1, 2, 3000)
+    rows = np.sort(rng.permutation(5000)[:3000]).astype(np.int32)
+    packed, weight = pack(learned, rows, jacobi)
+    np.testing.assert_array_equal(packed, learned[:, rows])
+    np.testing.assert_allclose(weight, (packed / jacobi) @ packed.T, rtol=1e-6)
+    exact = (packed.astype(float) / jacobi) @ packed.T.astype(float)
+    np.testing.assert_allclose(weight, exact, atol=1e-11)
 
 
 def test_bad_first_sets_fail_and_the_fallback_does_not():
