@@ -207,8 +207,10 @@ class _Watch:
         if row.iteration > 0:
             self._history.append(row)
         LOG.info(
-            "%sstep %d: J %.6g, F %.6g, tau %.3g, rejected %d, KKT %.3g, state iterations %d",
-            *(level, row.iteration, row.objective_J, row.compliance_J, row.tau),
+            "%sstep %d: J %.6g, F %.6g (error about %.1e), tau %.3g, rejected %d, KKT %.3g, "
+            "state iterations %d",
+            *(level, row.iteration, row.objective_J, row.compliance_J),
+            *(loop.state.compliance_error, row.tau),
             *(row.rejected, row.kkt_residual, row.state_iterations),
         )
         if row.iteration in self._snapshots:
