@@ -41,7 +41,8 @@ def main():
         environment["NUMBA_NUM_THREADS"] = str(options.threads)
     rows = ["beams", *(f"sphere:{n}" for n in (10_000, 42_000, 170_000))]
     rows += ["sphere:1000000"] if options.large else []
-    rows += ["surface_ours", "surface_twin", "surface_scipy", "values_ours", "values_scipy"]
+    rows += ["surface_ours", "surface_twin", "surface_scipy"]
+    rows += ["values_local", "values_levels", "values_scipy"]
     commands = [(row, [sys.executable, __file__, "--row", row]) for row in rows]
     if options.peers:
         python = make_peer_environment(options.peers.resolve())
@@ -153,7 +154,8 @@ def warm_up():
     surface = rbf.fit_hermite(points, normals)
     surface.value_and_gradient(points)
     surface.project(points)
-    rbf.fit_levels(points, points[:, 0])
+    rbf.fit_levels(points, points[:, 0]).value(points)
+    rbf.fit_local(points, points[:, 0]).value(points)
     return peak_mib()
 
 
@@ -202,9 +204,10 @@ def beams():
     surface, figures = fit_row(lambda: rbf.fit_surface(mesh), len(mesh.points), 3)
     queries = mesh.points[mesh.faces].mean(axis=1)
     queries = np.concatenate([queries, mesh.points[mesh.faces[:, :2]].mean(axis=1)])[:100_000]
-    _, wall, _ = timed(lambda: surface.value_and_gradient(queries), 5)
+    _, wall, _ = timed(lambda: surface.value_and_gradient(queries), 20)
     figures["eval_Mpts_per_s"] = 1e-6 * len(queries) / wall
-    figures["share_of_kernel_limit"] = kernel_limit(surface, queries) / wall
+    limit = kernel_limit(surface, queries)
+    figures |= {"limit_Mpts_per_s": 1e-6 * len(queries) / limit, "share_of_limit": limit / wall}
     (points, _, steps), wall, _ = timed(lambda: surface.project_with_steps(queries), 3)
     figures["project_Mpts_per_s"] = 1e-6 * len(queries) / wall
     figures["steps"] = float(steps.mean())
@@ -227,7 +230,7 @@ def kernel_limit(surface, queries):
             total += value_and_gradient(form, centres, begin, begin + 160, 1e-4 * k, 0.5, 0.5)[0]
         return total
 
-    centres = np.random.default_rng(0).random((7, 168))
+    centres = np.random.default_rng(0).random((7, 184))
     repeat(surface._form, 1, centres)
     _, wall, _ = timed(lambda: repeat(surface._form, 100_000, centres), 3)
     pairs = cKDTree(queries).count_neighbors(cKDTree(surface.points), surface.support_radius)
@@ -316,8 +319,18 @@ def surface_scipy():
     return accuracy_row(peer, queries[:4000], exact[:4000])
 
 
-def values_ours():
-    """Scattered values of a smooth function in a cube, on several levels."""
+def values_local():
+    """Scattered values of a smooth function in a cube, blended from local interpolants."""
+    import rbf
+
+    warm_up()
+    points, values, queries, exact = values_problem(queries=200_000)
+    interpolant, wall, _ = timed(lambda: rbf.fit_local(points, values))
+    return {"fit_s": wall} | accuracy_row(interpolant.value, queries, exact)
+
+
+def values_levels():
+    """The same on several levels."""
     import rbf
 
     warm_up()
@@ -345,7 +358,8 @@ ROWS = {
     "surface_ours": surface_ours,
     "surface_twin": surface_twin,
     "surface_scipy": surface_scipy,
-    "values_ours": values_ours,
+    "values_local": values_local,
+    "values_levels": values_levels,
     "values_scipy": values_scipy,
 }
 

@@ -7,6 +7,7 @@ from rbf.hermite import HermiteInterpolant, fit_hermite
 from rbf.interpolant import CompactInterpolant, FitReport
 from rbf.kernels import KERNELS, Kernel
 from rbf.levels import LevelsInterpolant, fit_levels
+from rbf.local import LocalInterpolant, fit_local
 from rbf.normals import pca_normals, vertex_normals
 from rbf.offsets import OffsetInterpolant, fit_offsets
 from rbf.scattered import ValueInterpolant, fit_values
@@ -21,12 +22,14 @@ __all__ = [
     "HermiteInterpolant",
     "Kernel",
     "LevelsInterpolant",
+    "LocalInterpolant",
     "OffsetInterpolant",
     "ValueInterpolant",
     "fit_global",
     "fit_greedy",
     "fit_hermite",
     "fit_levels",
+    "fit_local",
     "fit_offsets",
     "fit_surface",
     "fit_surfaces",

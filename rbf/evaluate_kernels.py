@@ -11,14 +11,16 @@ from numba import njit
 
 from rbf.cell_kernels import MAX_RUNS, OUTSIDE, REACH, neighbour_runs
 from rbf.lanes import below, compress, count_bits, load, magnitude, positive, spread, store
-from rbf.profiles import OPTIONS
+from rbf.profiles import LEAN, OPTIONS
 from rbf.sum_kernels import line_start, value_and_gradient
 
 LANES = 8  # centres at a time; arrays of centres are longer by as many
+# Queries in a cell from which its parts (2^3, 4^3) are worth a closer choice of centres each.
+DENSE, VERY_DENSE = 64, 600
 FAR = 1e3  # where padding centres lie, in support radii
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def bounds(points, order, first, last, box):
     """Middle and half width of the box around points order[first:last], into box (2, 3)."""
     for axis in range(3):
@@ -32,7 +34,7 @@ def bounds(points, order, first, last, box):
 @njit(**OPTIONS)
 def room(runs, near):
     """`near`, or a longer array if the centres of the runs (k, 2) might not fit into it."""
-    needed = 2 * LANES
+    needed = 3 * LANES
     for run in range(runs.shape[0]):
         needed += runs[run, 1] - runs[run, 0]
     if near.shape[1] < needed:
@@ -40,7 +42,7 @@ def room(runs, near):
     return near
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def gather(runs, box, radius, centres, near):
     """Copy the centres of some runs that are nearer than `radius` to a box.
 
@@ -84,9 +86,9 @@ def list_runs(first, last, keys, grid, run_start, stored):
     To be called twice: with empty `stored` it writes how many runs cell i has into
     run_start[i + 1]; with `stored` (k, 2) it fills stored[run_start[i]:run_start[i + 1]].
     """
-    runs = np.empty((MAX_RUNS, 2), np.int64)
+    runs, around = np.empty((MAX_RUNS, 2), np.int64), np.full((MAX_RUNS + 1, 2), -1)
     for cell in range(first, last):
-        count = neighbour_runs(keys[cell], REACH, grid, runs)
+        count = neighbour_runs(keys[cell], REACH, grid, around, runs)
         if stored.size == 0:
             run_start[cell + 1] = count
         else:
@@ -95,12 +97,78 @@ def list_runs(first, last, keys, grid, run_start, stored):
                 stored[run_start[cell] + run, 1] = runs[run, 1]
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _write(v, gx, gy, gz, p, values, gradients):
     """Value and gradient of query p, the gradient where there is room for it."""
     values[p] = v
     if gradients.shape[0] > 0:
         gradients[p, 0], gradients[p, 1], gradients[p, 2] = gx, gy, gz
+
+
+@njit(**LEAN)
+def sum_up(form, near, begin, end, points, order, first, last, values, gradients):
+    """Values and gradients at points order[first:last] from the centres that were gathered."""
+    for place in range(first, last):
+        p = order[place]
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        v, gx, gy, gz, supported = value_and_gradient(form, near, begin, end, x, y, z)
+        if not supported:
+            v = gx = gy = gz = np.nan
+        _write(v, gx, gy, gz, p, values, gradients)
+
+
+@njit(**LEAN)
+def divide(points, order, first, last, box, sides, places, part_start):
+    """Sort queries by the sides^3 equal parts of the box around them.
+
+    Parameters
+    ----------
+    order, first, last
+        The queries are order[first:last].
+    box : (2, 3) float array
+        From `bounds`.
+    places : (last - first,) int64 array
+        Filled with the queries, those of one part after those of another.
+    part_start : (sides^3 + 1,) int64 array
+        Filled with where in `places` each part starts.
+    """
+    part_start[:] = 0
+    for place in range(first, last):
+        part_start[_part(points, order[place], box, sides) + 1] += 1
+    for part in range(part_start.size - 1):
+        part_start[part + 1] += part_start[part]
+    for place in range(last - 1, first - 1, -1):
+        part = _part(points, order[place], box, sides) + 1
+        part_start[part] -= 1
+        places[part_start[part]] = order[place]
+    for part in range(part_start.size - 1):
+        part_start[part] = part_start[part + 1]
+    part_start[part_start.size - 1] = last - first
+
+
+@njit(**LEAN)
+def _part(points, query, box, sides):
+    part = 0
+    for axis in range(3):
+        inside = points[query, axis] - (box[0, axis] - box[1, axis])
+        place = inside * sides / (2.0 * box[1, axis]) if box[1, axis] > 0.0 else 0.0
+        part = part * sides + min(max(int(place), 0), sides - 1)
+    return part
+
+
+@njit(**OPTIONS)
+def sum_up_parts(form, near, begin, end, points, order, first, last, box, values, gradients):
+    """As `sum_up`, each part of the box of the queries with the centres near that part."""
+    sides = 2 if last - first < VERY_DENSE else 4
+    places, part_start = np.empty(last - first, np.int64), np.empty(sides**3 + 1, np.int64)
+    divide(points, order, first, last, box, sides, places, part_start)
+    whole, smaller, nearer = np.array([[begin, end]]), np.empty((2, 3)), np.empty_like(near)
+    for part in range(sides**3):
+        start, stop = part_start[part], part_start[part + 1]
+        if start < stop:
+            bounds(points, places, start, stop, smaller)
+            since, until = gather(whole, smaller, 1.0, near, nearer)
+            sum_up(form, nearer, since, until, points, places, start, stop, values, gradients)
 
 
 @njit(**OPTIONS)
@@ -140,7 +208,7 @@ def evaluate(
         Results; gradients of shape (0, 3) are left out.
     """
     found, box = np.empty((MAX_RUNS, 2), np.int64), np.empty((2, 3))
-    near = np.empty((centres.shape[0], 512))
+    near, around = np.empty((centres.shape[0], 512)), np.full((MAX_RUNS + 1, 2), -1)
     for cell in range(first_cell, last_cell):
         first, last = starts[cell], starts[cell + 1]
         if keys[cell] == OUTSIDE:
@@ -150,14 +218,11 @@ def evaluate(
         if run_start.size > 0:
             runs = stored[run_start[cell] : run_start[cell + 1]]
         else:
-            runs = found[: neighbour_runs(keys[cell], REACH, grid, found)]
+            runs = found[: neighbour_runs(keys[cell], REACH, grid, around, found)]
         bounds(points, order, first, last, box)
         near = room(runs, near)
         begin, end = gather(runs, box, 1.0, centres, near)
-        for place in range(first, last):
-            p = order[place]
-            x, y, z = points[p, 0], points[p, 1], points[p, 2]
-            v, gx, gy, gz, support = value_and_gradient(form, near, begin, end, x, y, z)
-            if not support > 0.0:
-                v = gx = gy = gz = np.nan
-            _write(v, gx, gy, gz, p, values, gradients)
+        if last - first < DENSE:
+            sum_up(form, near, begin, end, points, order, first, last, values, gradients)
+        else:
+            sum_up_parts(form, near, begin, end, points, order, first, last, box, values, gradients)

@@ -11,7 +11,7 @@ from numba import njit
 from numba.extending import overload
 
 from rbf.cell_kernels import MAX_RUNS, ONE, neighbour_runs
-from rbf.profiles import OPTIONS, wendland_chain, wendland_value
+from rbf.profiles import LEAN, OPTIONS, wendland_chain, wendland_value
 from rbf.sum_kernels import HermiteSum
 
 SUMS = OPTIONS | {"fastmath": {"contract", "nsz", "reassoc"}}
@@ -43,11 +43,12 @@ def choose_columns(first_group, last_group, keys, cells, grid, sites, group_star
         How many columns each group has.
     """
     runs, distances = np.empty((MAX_RUNS, 2), np.int64), np.empty(columns.shape[1])
+    around = np.full((MAX_RUNS + 1, 2), -1)
     for group in range(first_group, last_group):
         first, last = group_start[group], group_start[group + 1]
         limit = columns.shape[1] - (last - first)
         count = 0
-        for run in range(neighbour_runs(keys[cells[group]], ONE, grid, runs)):
+        for run in range(neighbour_runs(keys[cells[group]], ONE, grid, around, runs)):
             for j in range(runs[run, 0], min(runs[run, 1], first)):
                 nearest = np.inf
                 for i in range(first, last):
@@ -63,7 +64,7 @@ def choose_columns(first_group, last_group, keys, cells, grid, sites, group_star
         counts[group] = count
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _insert(j, distance, chosen, distances, count):
     """Keep the distances.size nearest candidates, sorted; returns how many there are."""
     limit = distances.size

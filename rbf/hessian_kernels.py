@@ -8,18 +8,18 @@ from numba import njit
 
 from rbf.cell_kernels import MAX_RUNS, OUTSIDE, REACH, neighbour_runs
 from rbf.evaluate_kernels import bounds, gather, room
-from rbf.lanes import inverse_root, load, positive, spread, total
-from rbf.profiles import OPTIONS, TINY, parts, third, unit
+from rbf.lanes import improved_root, load, positive, spread, total
+from rbf.profiles import LEAN, OPTIONS, parts, third, unit
+from rbf.sum_kernels import begin_centres
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _hessian(profile, near, begin, end, px, py, pz, out):
     """Second derivatives (3, 3) at one point, from rows x, y, z, a, b; returns the support."""
     xx = yy = zz = xy = xz = yz = support = spread(0.0)
     for j in range(begin, end, 8):
-        dx, dy, dz = px - load(near, 0, j), py - load(near, 1, j), pz - load(near, 2, j)
-        squared = dx * dx + (dy * dy + (dz * dz + TINY))
-        inverse = inverse_root(squared)
+        dx, dy, dz, squared, estimate = begin_centres(near, j, px, py, pz)
+        inverse = improved_root(squared, estimate)
         t = positive(1.0 - squared * inverse)
         base, _, q, s = parts(profile, t, inverse)
         f1, f2, f3 = base * (t * q), base * s, third(profile, t, inverse)
@@ -49,14 +49,14 @@ def hessians(first_cell, last_cell, profile, points, order, keys, starts, centre
     `profile` is that of the form. Centres of values alone have rows of zeros for b.
     """
     found, box = np.empty((MAX_RUNS, 2), np.int64), np.empty((2, 3))
-    near = np.empty((centres.shape[0], 512))
+    near, around = np.empty((centres.shape[0], 512)), np.full((MAX_RUNS + 1, 2), -1)
     for cell in range(first_cell, last_cell):
         first, last = starts[cell], starts[cell + 1]
         if keys[cell] == OUTSIDE:
             for place in range(first, last):
                 results[order[place]] = np.nan
             continue
-        runs = found[: neighbour_runs(keys[cell], REACH, grid, found)]
+        runs = found[: neighbour_runs(keys[cell], REACH, grid, around, found)]
         bounds(points, order, first, last, box)
         near = room(runs, near)
         begin, end = gather(runs, box, 1.0, centres, near)

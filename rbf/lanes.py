@@ -3,8 +3,8 @@
 A `Lanes` holds eight floats that are loaded, added and multiplied together; +, - and * work
 between two of them and between one and a number. Compilers find such rows by themselves in simple
 loops only, and then choose registers half as wide and exact square roots and divisions, which take
-most of the time of a sum of kernels; `inverse_root` is as exact and several times as fast where the
-processor can help (AVX-512), and plain elsewhere.
+most of the time of a sum of kernels; `root_estimate` and `improved_root` are as exact and several
+times as fast where the processor can help (AVX-512), and plain elsewhere.
 
 Arrays are two-dimensional and C-contiguous; bounds are not checked, so that arrays need room for
 eight numbers from wherever lanes are loaded or stored.
@@ -156,31 +156,41 @@ def magnitude(typing, lanes):
 
 
 @intrinsic
-def inverse_root(typing, lanes):
-    """1 / sqrt(lanes), to rounding, for positive lanes.
+def root_estimate(typing, lanes):
+    """1 / sqrt(lanes) for positive lanes: the processor's estimate of 14 bits, exact elsewhere."""
 
-    Where the processor has an estimate of 14 bits, one step of the fourth-order iteration
-    y <- y (1 + e / 2 + 3 e^2 / 8 + 5 e^3 / 16), e = 1 - x y^2, gives all of the 53.
+    def generate(context, builder, signature, args):
+        if _has_avx512(context):
+            name, everywhere = "llvm.x86.avx512.rsqrt14.pd.512", ir.Constant(INT8, -1)
+            return _intrinsic(builder, name, VECTOR, args[0], _constant(0.0), everywhere)
+        root = _intrinsic(builder, "llvm.sqrt.v8f64", VECTOR, args[0])
+        return builder.fdiv(_constant(1.0), root, flags=FLAGS)
+
+    return lanes(lanes), generate
+
+
+@intrinsic
+def improved_root(typing, lanes, estimate):
+    """1 / sqrt(lanes), to rounding, from the `root_estimate`.
+
+    One step of the fourth-order iteration y <- y (1 + e / 2 + 3 e^2 / 8 + 5 e^3 / 16),
+    e = 1 - x y^2, makes 53 bits of 14; an exact estimate stays as it is.
     """
 
     def generate(context, builder, signature, args):
-        x = args[0]
+        x, y = args
         if not _has_avx512(context):
-            root = _intrinsic(builder, "llvm.sqrt.v8f64", VECTOR, x)
-            return builder.fdiv(_constant(1.0), root, flags=FLAGS)
+            return y
 
         def fused(a, b, c):
             return builder.fadd(builder.fmul(a, b, flags=FLAGS), c, flags=FLAGS)
 
-        everywhere = ir.Constant(INT8, -1)
-        name = "llvm.x86.avx512.rsqrt14.pd.512"
-        y = _intrinsic(builder, name, VECTOR, x, _constant(0.0), everywhere)
         xy = builder.fmul(x, y, flags=FLAGS)
         e = builder.fsub(_constant(1.0), builder.fmul(xy, y, flags=FLAGS), flags=FLAGS)
         series = fused(fused(_constant(0.3125), e, _constant(0.375)), e, _constant(0.5))
         return fused(builder.fmul(y, e, flags=FLAGS), series, y)
 
-    return lanes(lanes), generate
+    return lanes(lanes, lanes), generate
 
 
 @intrinsic

@@ -15,6 +15,8 @@ from numba import njit
 from numba.extending import overload
 
 OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+# For functions that make no arrays: without reference counts, which every call would change.
+LEAN = OPTIONS | {"_nrt": False}
 TINY = 1e-30  # added to r^2: where r is smaller, d vanishes as well
 
 
@@ -118,7 +120,7 @@ def _third(profile, t, inverse):
     return _THIRD[profile.instance_class]
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def wendland_value(profile, r):
     """phi: compiled, one number."""
     t = max(1.0 - r, 0.0)
@@ -126,7 +128,7 @@ def wendland_value(profile, r):
     return unit(profile) * base * t * t * p
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def wendland_chain(profile, squared):
     """phi, f1, f2 at r = sqrt(squared): compiled; finite at r = 0, where d = 0 too."""
     inverse = 1.0 / sqrt(squared + TINY)

@@ -9,7 +9,7 @@ from numba import njit
 
 from rbf.cell_kernels import MAX_RUNS, OUTSIDE, REACH, neighbour_runs
 from rbf.evaluate_kernels import bounds, gather, room
-from rbf.profiles import OPTIONS
+from rbf.profiles import LEAN, OPTIONS
 from rbf.sum_kernels import value_and_gradient
 
 MARGIN = 0.1  # how far a query may leave its cell's queries' box, in support radii
@@ -17,14 +17,14 @@ MARGIN = 0.1  # how far a query may leave its cell's queries' box, in support ra
 CONVERGED, MOVED, FAILED = 0, 1, 2  # status of a query
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _step(result, box, settings, x, state, step):
     """Move one query after `step` steps, unless it has arrived or cannot go on.
 
     Parameters
     ----------
     result : tuple
-        Value, gradient and support at x.
+        Value, gradient at x, and whether it is supported.
     box : (2, 3) float array
         Of the cell's queries, see `bounds`.
     settings : tuple
@@ -45,8 +45,8 @@ def _step(result, box, settings, x, state, step):
         Whether it left the margin.
     """
     tolerance, longest, least_slope, most, refresh = settings
-    v, gx, gy, gz, support = result
-    if not support > 0.0:
+    v, gx, gy, gz, supported = result
+    if not supported:
         return FAILED, False, False
     slope2 = gx * gx + gy * gy + gz * gz
     arrived = abs(v) < tolerance and slope2 > least_slope * least_slope
@@ -67,7 +67,7 @@ def _step(result, box, settings, x, state, step):
     return MOVED, True, beyond > MARGIN * MARGIN
 
 
-@njit(**OPTIONS)
+@njit(**LEAN)
 def _walk(form, near, begin, end, box, settings, x, step, state):
     """Move one query x (3,) until it has arrived, failed or left the margin: (status, steps)."""
     while True:
@@ -106,14 +106,14 @@ def project(
         Gradient at the point reached (3 entries), and its squared length.
     """
     found, box = np.empty((MAX_RUNS, 2), np.int64), np.empty((2, 3))
-    near = np.empty((centres.shape[0], 512))
+    near, around = np.empty((centres.shape[0], 512)), np.full((MAX_RUNS + 1, 2), -1)
     for cell in range(first_cell, last_cell):
         first, last = starts[cell], starts[cell + 1]
         if keys[cell] == OUTSIDE:
             for place in range(first, last):
                 status[order[place]] = FAILED
             continue
-        runs = found[: neighbour_runs(keys[cell], REACH + 1, grid, found)]
+        runs = found[: neighbour_runs(keys[cell], REACH + 1, grid, around, found)]
         bounds(points, order, first, last, box)
         near = room(runs, near)
         begin, end = gather(runs, box, 1.0 + MARGIN, centres, near)

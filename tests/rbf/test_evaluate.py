@@ -1,11 +1,14 @@
 """The cell evaluator against the sum over all centres."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 from meshes import InvalidCase
 from rbf import evaluate_kernels, fit_hermite
-from rbf.cells import CellGrid
+from rbf.cell_kernels import MAX_RUNS, REACH, neighbour_runs
+from rbf.cells import CellGrid, sorting_order
 from rbf.evaluate_kernels import LANES
 from rbf.interpolant import NO_RUNS
 from rbf.kernels import KERNELS
@@ -50,6 +53,56 @@ def test_evaluator_equals_the_sum_over_all_centres(name, hermite):
     skip = slice(1, None) if name == "wendland_c0" else slice(None)  # no gradient on a centre
     np.testing.assert_allclose(values, expected[0], rtol=1e-11, atol=1e-12)
     np.testing.assert_allclose(gradients[skip], expected[1][skip], rtol=1e-10, atol=1e-11)
+
+
+@pytest.mark.parametrize("count", [evaluate_kernels.DENSE, evaluate_kernels.VERY_DENSE])
+def test_many_queries_in_a_cell_are_summed_up_part_by_part(count):
+    rng = np.random.default_rng(6)
+    centres = np.hstack([rng.random((80, 3)) * 3, rng.standard_normal((80, 4))])
+    queries = 1.0 + 0.45 * rng.random((count, 3))
+    values, gradients = evaluate(KERNELS["wendland_c2"], True, queries, centres)
+    some = slice(None, None, 8)
+    expected = reference.kernel_sum(KERNELS["wendland_c2"], queries[some], centres)
+    np.testing.assert_allclose(values[some], expected[0], rtol=1e-11, atol=1e-12)
+    np.testing.assert_allclose(gradients[some], expected[1], rtol=1e-10, atol=1e-11)
+    assert np.isfinite(values).all()
+
+
+@pytest.mark.parametrize("sides", [2, 4])
+def test_queries_are_divided_among_the_parts_of_their_box(sides):
+    points = np.random.default_rng(0).random((100, 3))
+    points[:, 2] = 0.25  # a box without height
+    order, box = np.arange(100)[::-1].copy(), np.empty((2, 3))
+    evaluate_kernels.bounds(points, order, 10, 90, box)
+    places, starts = np.empty(80, np.int64), np.empty(sides**3 + 1, np.int64)
+    evaluate_kernels.divide(points, order, 10, 90, box, sides, places, starts)
+    assert starts[0] == 0
+    assert starts[-1] == 80
+    assert (np.diff(starts) >= 0).all()
+    np.testing.assert_array_equal(np.sort(places), np.sort(order[10:90]))
+    part = 2.0 * box[1, :2].max() / sides
+    for start, end in itertools.pairwise(starts):
+        if end > start:
+            assert np.ptp(points[places[start:end]], axis=0).max() <= part
+
+
+def test_runs_do_not_depend_on_the_cell_before():
+    rng = np.random.default_rng(0)
+    grid = CellGrid(rng.random((500, 3)) * [2, 2, 30])
+    keys = rng.permutation(np.concatenate([grid.keys, grid.keys + 1, np.repeat(grid.keys, 2)]))
+    for sequence in (np.sort(keys), keys):
+        around, runs = np.full((MAX_RUNS + 1, 2), -1), np.zeros((2, MAX_RUNS, 2), np.int64)
+        for key in sequence:
+            count = neighbour_runs(key, REACH, grid.arrays, around, runs[0])
+            fresh = np.full_like(around, -1)
+            assert count == neighbour_runs(key, REACH, grid.arrays, fresh, runs[1])
+            np.testing.assert_array_equal(runs[0, :count], runs[1, :count])
+
+
+@pytest.mark.parametrize("limit", [50, 2.0**62])
+def test_numbers_are_sorted_and_equal_ones_stay_in_order(limit):
+    numbers = np.random.default_rng(0).integers(0, 50, 300)
+    np.testing.assert_array_equal(sorting_order(numbers, limit), np.argsort(numbers, kind="stable"))
 
 
 def test_outside_the_support_there_is_no_value():

@@ -1,9 +1,12 @@
 """The matrix-free system, the preconditioner, and conjugate gradients."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from meshes import NotConverged
+from rbf import fit_hermite
 from rbf.kernels import KERNELS
 from rbf.solve import Preconditioner, solve
 from rbf.system import HermiteSystem, PointSystem
@@ -119,6 +122,21 @@ def test_iterations_do_not_grow_with_the_size():
         counts.append(solve(system, right, 1e-10).iterations)
     assert counts[1] <= 1.5 * counts[0]
     assert counts[1] < 30
+
+
+def test_memory_of_a_fit_stays_below_two_kilobytes_a_vertex():
+    count = 20_000  # 1060 bytes a vertex from 5,000 to 60,000
+    k = np.arange(count) + 0.5
+    height, angle = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5**0.5) * k
+    ring = np.sqrt(1.0 - height**2)
+    points = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+    tracemalloc.start()
+    try:
+        fit_hermite(points, points)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert 500 * count < peak < 2000 * count
 
 
 def test_zero_right_side_and_start():
