@@ -170,7 +170,7 @@ def _remesh(
     no_repair
         Refuse a damaged surface instead of repairing it.
     keep_crossings
-        Remesh a surface although triangles of it cross and cannot be drawn apart or united.
+        Write the result although triangles cross that do in the input, and could not be mended.
     smooth
         Smooth a jagged input first, keeping its volume.
     iterations

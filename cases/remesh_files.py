@@ -103,6 +103,7 @@ def remesh_file(request, reporter):
             progress=lambda stage, share: reporter.update(stage, round(100 * share), 100),
         )
     outcome.statistics = result.statistics.as_dict()
+    _refuse_crossings(request, outcome)
     final = _with_given_labels(result.mesh, featured, surface)
     reporter.update("writing")
     with outcome.timed("write"):
@@ -134,17 +135,23 @@ def _repaired(request, given):
             surface, report = given, _as_it_is(given)
     except InvalidMesh as error:
         raise InvalidMesh(f"{request.source}: {error}") from error
-    if report.crossing_faces and not request.keep_crossings:
-        why = (
-            "smoothing does not draw them apart, and they are not of closed pieces to be united"
-            if request.repair
-            else "--no-repair leaves them"
-        )
-        raise InvalidMesh(
-            f"{request.source}: {report.crossing_faces:,} of {len(surface.faces):,} faces cross "
-            f"others ({why}): mend them, or remesh them as they are with --keep-crossings"
-        )
     return surface, report
+
+
+def _refuse_crossings(request, outcome):
+    """Refuse a surface of which faces still cross after repair and remeshing."""
+    report, left = outcome.repair, outcome.statistics["self_intersecting_faces"]
+    if request.keep_crossings or not (report.crossing_faces and left):
+        return
+    why = (
+        "smoothing does not draw them apart, and they are not of closed pieces to be united"
+        if request.repair
+        else "--no-repair leaves them"
+    )
+    raise InvalidMesh(
+        f"{request.source}: {report.crossing_faces:,} faces cross others ({why}), and {left:,} of "
+        "the result would: mend them, or remesh them all the same with --keep-crossings"
+    )
 
 
 def _as_it_is(surface):

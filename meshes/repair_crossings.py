@@ -7,6 +7,7 @@ from meshes.edges import components, edge_table
 from meshes.self_intersection import self_intersecting_faces
 
 FACTORS = (0.02, 0.1, 0.3) + (0.5,) * 17  # how far vertices move to the mean of their neighbours
+PATIENCE = 3  # rounds without fewer faces that cross, after which no more are made
 RINGS = 1  # neighbours that are smoothed with them
 
 
@@ -43,7 +44,7 @@ def _smoothed(points, faces, crossing, held):
     table = edge_table(faces)
     edges, mean = table.edges, _means(table, len(points))
     chosen = np.zeros(len(points), dtype=bool)
-    result = points
+    result, counts = points, [int(crossing.sum())]
     for factor in FACTORS:
         chosen[faces[crossing]] = True
         wider = chosen.copy()
@@ -54,7 +55,8 @@ def _smoothed(points, faces, crossing, held):
         target[wider] += factor * (mean[wider] @ result - result[wider])
         result = target
         crossing = self_intersecting_faces(result, faces)
-        if not crossing.any():
+        counts.append(int(crossing.sum()))
+        if counts[-1] == 0 or min(counts[-PATIENCE:]) >= min(counts[:-PATIENCE], default=np.inf):
             break
     return result
 
