@@ -317,7 +317,7 @@ def _remarks(outcome):
     if asked is not None and abs(after["vertices"] - asked) > COUNT_TOLERANCE * asked:
         notes.append(f"{asked:,} vertices were asked for, {after['vertices']:,} came out")
     notes += _bound_remarks(outcome)
-    if report.crossing_faces:
+    if after["self_intersecting_faces"] and report.crossing_faces:
         notes.append(
             f"{after['self_intersecting_faces']:,} triangles of the result cross others, as "
             f"{report.crossing_faces:,} of the input do"

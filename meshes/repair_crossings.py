@@ -8,6 +8,7 @@ from meshes.self_intersection import self_intersecting_faces
 
 FACTORS = (0.02, 0.1, 0.3) + (0.5,) * 17  # how far vertices move to the mean of their neighbours
 PATIENCE = 3  # rounds without fewer faces that cross, after which no more are made
+WORTH_IT = 0.02  # part of the faces that cross which may be left of a patch that was smoothed
 RINGS = 1  # neighbours that are smoothed with them
 
 
@@ -25,7 +26,7 @@ def separate(points, faces, held):
     Returns
     -------
     points : (n, 3) float array
-        The same ones unless faces were separated; what stays crossed has not moved.
+        The same ones unless faces were separated; patches where this fails have not moved.
     before, after : int
         Faces that meet others.
     """
@@ -34,7 +35,7 @@ def separate(points, faces, held):
     if before == 0:
         return points, 0, 0
     moved = _smoothed(points, faces, crossing, held)
-    moved = _undone(points, moved, faces)
+    moved = _undone(points, moved, faces, crossing)
     after = int(self_intersecting_faces(moved, faces).sum())
     return (moved, before, after) if after < before else (points, before, before)
 
@@ -72,8 +73,12 @@ def _means(table, size):
     return coo_matrix((1.0 / degree[ends[:, 0]], tuple(ends.T)), (size, size)).tocsr()
 
 
-def _undone(points, moved, faces):
-    """Points moved, but for the patches in which faces still cross."""
+def _undone(points, moved, faces, crossing):
+    """Points moved, but for the patches in which not nearly all faces that crossed are apart.
+
+    crossing : (m,) bool array
+        Faces that crossed at first.
+    """
     change = (points != moved).any(axis=1)
     touched = change[faces].any(axis=1)
     _, patch = components(faces[touched][:, :2].ravel(), faces[touched][:, 1:].ravel(), len(points))
@@ -81,7 +86,12 @@ def _undone(points, moved, faces):
         bad = self_intersecting_faces(moved, faces) & touched
         if not bad.any():
             break
-        back = np.isin(patch, np.unique(patch[faces[bad]]))
+        left, before = (
+            np.bincount(patch[faces[f, 0]], minlength=len(points)) for f in (bad, crossing)
+        )
+        back = (left > WORTH_IT * before)[patch]
+        if not back.any():
+            break
         moved = np.where(back[:, None], points, moved)
         touched &= ~back[faces].any(axis=1)
     return moved
