@@ -1,5 +1,6 @@
 """Peak memory, sampled: what the process and its children hold at any one time."""
 
+import contextlib
 import threading
 
 import psutil
@@ -8,12 +9,14 @@ import psutil
 class MemorySampler:
     """A thread that looks at the resident memory every `interval` seconds.
 
+    Children are looked for once a second: that reads every process of the machine.
+
     Use as a context manager; `take_peak()` returns the peak [bytes] since it was last called.
     """
 
     def __init__(self, interval=0.05):
         self._interval = interval
-        self._process = psutil.Process()
+        self._process, self._children = psutil.Process(), ()
         self._peak = 0
         self._lock = threading.Lock()
         self._stop = threading.Event()
@@ -35,15 +38,23 @@ class MemorySampler:
         return peak
 
     def _run(self):
+        rest = 0
         while not self._stop.wait(self._interval):
+            if rest == 0:
+                self._look_for_children()
+            rest = (rest + 1) % max(1, round(1.0 / self._interval))
             self._sample()
+
+    def _look_for_children(self):
+        with contextlib.suppress(psutil.Error):
+            self._children = self._process.children(recursive=True)
 
     def _sample(self):
         total = 0
         try:
-            for process in (self._process, *self._process.children(recursive=True)):
+            for process in (self._process, *self._children):
                 total += process.memory_info().rss
         except psutil.Error:  # a child that ended meanwhile
-            pass
+            self._children = ()
         with self._lock:
             self._peak = max(self._peak, total)

@@ -133,8 +133,3 @@ def _bordered(square, row):
     out[:-1, :-1] = square
     out[-1], out[:, -1] = row, row
     return out
-
-
-def low_rank_part(secants, stiffness, coupling, diagonal):
-    """W and C of the metric that some Secants teach; see `SecantMetric`."""
-    return SecantMetric(secants, stiffness, coupling, diagonal).low_rank_part()

@@ -19,7 +19,7 @@ from topopt.low_rank_kernels import pack
 from topopt.pdas import active_set_iteration, solve_step
 from topopt.projection import project_in_metric, project_volume
 from topopt.reduced_system import ReducedSystem
-from topopt.secants import Secants, low_rank_part
+from topopt.secants import SecantMetric, Secants
 
 MESH = bcc_box((0, 0, 0), (3, 1, 1), (5, 2, 1))
 ENERGY = GinzburgLandau(MESH, 0.3)
@@ -247,7 +247,9 @@ def with_low_rank(qp, phi, count=5):
     """The same programme where the metric knows of a few past steps."""
     steps = np.random.default_rng(7).normal(size=(count, len(phi)))
     changes = qp.mass * steps * np.linspace(0.05, 40.0, len(phi))
-    parts = low_rank_part(Secants(steps, changes), qp.stiffness, qp.coupling, qp.diagonal)
+    parts = SecantMetric(
+        Secants(steps, changes), qp.stiffness, qp.coupling, qp.diagonal
+    ).low_rank_part()
     return replace(qp, learned=parts[0], core=parts[1])
 
 

@@ -10,7 +10,7 @@ from tests.topopt import reference_optimizer as reference
 from tests.topopt.test_pdas import ENERGY, check, mesh_qp
 from topopt.low_rank_kernels import gram
 from topopt.pdas import solve_step
-from topopt.secants import DAMPING, MEMORY, SecantMetric, Secants, low_rank_part
+from topopt.secants import DAMPING, MEMORY, SecantMetric, Secants
 
 COUPLING = 0.02
 
@@ -29,7 +29,7 @@ def base():
 
 
 def metric_of(secants):
-    learned, core = low_rank_part(secants, ENERGY.stiffness, COUPLING, ENERGY.mass)
+    learned, core = SecantMetric(secants, ENERGY.stiffness, COUPLING, ENERGY.mass).low_rank_part()
     return base() + learned.T.astype(float) @ core @ learned.astype(float)
 
 
@@ -64,7 +64,7 @@ def test_memory_keeps_the_newest_pairs_and_skips_empty_steps():
         metric.learn(step, change)
     np.testing.assert_array_equal(metric.secants.steps, pairs.steps[3:])
     np.testing.assert_array_equal(metric.secants.changes, pairs.changes[3:])
-    newest = low_rank_part(metric.secants, ENERGY.stiffness, COUPLING, ENERGY.mass)
+    newest = SecantMetric(metric.secants, ENERGY.stiffness, COUPLING, ENERGY.mass).low_rank_part()
     for part, whole in zip(metric.low_rank_part(), newest, strict=True):
         np.testing.assert_array_equal(part, whole)
     some = curved_pairs(3)
@@ -81,7 +81,9 @@ def test_programmes_with_a_low_rank_part_match_the_reference(seed, coupling):
     steps = np.random.default_rng(seed).normal(size=(5, len(phi)))
     steps[3] = steps[2] + 1e-4 * steps[3]  # nearly dependent ones, too
     changes = qp.mass * steps * np.linspace(0.05, 40.0, len(phi))
-    parts = low_rank_part(Secants(steps, changes), qp.stiffness, qp.coupling, qp.diagonal)
+    parts = SecantMetric(
+        Secants(steps, changes), qp.stiffness, qp.coupling, qp.diagonal
+    ).low_rank_part()
     qp = replace(qp, learned=parts[0], core=parts[1])
     exact, _ = reference.solve_qp_by_bisection(qp)
     check(qp, solve_step(qp, phi), exact)
