@@ -98,15 +98,16 @@ def list_runs(first, last, keys, grid, run_start, stored):
 
 
 @njit(**LEAN)
-def _write(v, gx, gy, gz, p, values, gradients):
+def _write(v, gx, gy, gz, p, units, values, gradients):
     """Value and gradient of query p, the gradient where there is room for it."""
-    values[p] = v
+    values[p] = v * units[0]
     if gradients.shape[0] > 0:
-        gradients[p, 0], gradients[p, 1], gradients[p, 2] = gx, gy, gz
+        gradients[p, 0], gradients[p, 1] = gx * units[1], gy * units[1]
+        gradients[p, 2] = gz * units[1]
 
 
 @njit(**LEAN)
-def sum_up(form, near, begin, end, points, order, first, last, values, gradients):
+def sum_up(form, near, begin, end, points, order, first, last, units, values, gradients):
     """Values and gradients at points order[first:last] from the centres that were gathered."""
     for place in range(first, last):
         p = order[place]
@@ -114,7 +115,7 @@ def sum_up(form, near, begin, end, points, order, first, last, values, gradients
         v, gx, gy, gz, supported = value_and_gradient(form, near, begin, end, x, y, z)
         if not supported:
             v = gx = gy = gz = np.nan
-        _write(v, gx, gy, gz, p, values, gradients)
+        _write(v, gx, gy, gz, p, units, values, gradients)
 
 
 @njit(**LEAN)
@@ -157,7 +158,7 @@ def _part(points, query, box, sides):
 
 
 @njit(**OPTIONS)
-def sum_up_parts(form, near, begin, end, points, order, first, last, box, values, gradients):
+def sum_up_parts(form, near, begin, end, points, order, first, last, box, units, values, gradients):
     """As `sum_up`, each part of the box of the queries with the centres near that part."""
     sides = 2 if last - first < VERY_DENSE else 4
     places, part_start = np.empty(last - first, np.int64), np.empty(sides**3 + 1, np.int64)
@@ -168,7 +169,9 @@ def sum_up_parts(form, near, begin, end, points, order, first, last, box, values
         if start < stop:
             bounds(points, places, start, stop, smaller)
             since, until = gather(whole, smaller, 1.0, near, nearer)
-            sum_up(form, nearer, since, until, points, places, start, stop, values, gradients)
+            sum_up(
+                form, nearer, since, until, points, places, start, stop, units, values, gradients
+            )
 
 
 @njit(**OPTIONS)
@@ -184,6 +187,7 @@ def evaluate(
     grid,
     run_start,
     stored,
+    units,
     values,
     gradients,
 ):
@@ -204,6 +208,8 @@ def evaluate(
         `CellGrid.arrays` of the centres.
     run_start, stored : int64 arrays
         From `list_runs`, or empty: then the centres near a cell are looked for.
+    units : tuple
+        By which values and gradients are multiplied.
     values, gradients : (n,) and (n, 3) float arrays
         Results; gradients of shape (0, 3) are left out.
     """
@@ -213,7 +219,7 @@ def evaluate(
         first, last = starts[cell], starts[cell + 1]
         if keys[cell] == OUTSIDE:
             for place in range(first, last):
-                _write(np.nan, np.nan, np.nan, np.nan, order[place], values, gradients)
+                _write(np.nan, np.nan, np.nan, np.nan, order[place], units, values, gradients)
             continue
         if run_start.size > 0:
             runs = stored[run_start[cell] : run_start[cell + 1]]
@@ -223,6 +229,8 @@ def evaluate(
         near = room(runs, near)
         begin, end = gather(runs, box, 1.0, centres, near)
         if last - first < DENSE:
-            sum_up(form, near, begin, end, points, order, first, last, values, gradients)
+            sum_up(form, near, begin, end, points, order, first, last, units, values, gradients)
         else:
-            sum_up_parts(form, near, begin, end, points, order, first, last, box, values, gradients)
+            sum_up_parts(
+                form, near, begin, end, points, order, first, last, box, units, values, gradients
+            )

@@ -96,9 +96,8 @@ class CompactInterpolant:
             return self.value_and_gradient(points)[0]
         points = _checked(points)
         values, form = np.empty(len(points)), ValueOnly(self._form.profile)
-        none = np.empty((0, 3))
-        self._run(evaluate_kernels.evaluate, points, *NO_RUNS, values, none, form=form)
-        values *= self._unit
+        results = (float(self._unit), 1.0), values, np.empty((0, 3))
+        self._run(evaluate_kernels.evaluate, points, *NO_RUNS, *results, form=form)
         return values
 
     def gradient(self, points):
@@ -109,9 +108,8 @@ class CompactInterpolant:
         """Value (n,) and gradient (n, 3) at points (n, 3); NaN outside the support."""
         points = _checked(points)
         values, gradients = np.empty(len(points)), np.empty((len(points), 3))
-        self._run(evaluate_kernels.evaluate, points, *NO_RUNS, values, gradients)
-        values *= self._unit
-        gradients *= self._unit / self.support_radius
+        units = float(self._unit), float(self._unit / self.support_radius)
+        self._run(evaluate_kernels.evaluate, points, *NO_RUNS, units, values, gradients)
         return values, gradients
 
     def hessian(self, points):

@@ -150,6 +150,7 @@ def _sum_up(system):
         system.centres,
         grid.arrays,
         *system._runs,
+        (1.0, 1.0),
         system._value,
         system._gradient,
     )

@@ -9,9 +9,12 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numba
+import numpy as np
 
 LEAST = 50  # items (cells or groups, of about ten points) worth a thread: waking one costs time
-PARTS_PER_THREAD = 8  # so that threads end together though some parts take longer
+# A part is half of what is left for each thread, so that the last ones are small and all threads
+# end together; after so many parts a hundredth is left, which is the last.
+PARTS_PER_THREAD = 9
 
 _pools = {}
 
@@ -36,8 +39,8 @@ def in_parts(kernel, count, *arguments, least=LEAST):
     if threads < 2:
         kernel(0, count, *arguments)
         return
-    parts = threads * PARTS_PER_THREAD
-    limits = [count * k // parts for k in range(parts + 1)]
+    left = (1.0 - 0.5 / threads) ** np.arange(threads * PARTS_PER_THREAD)
+    limits = [int(limit) for limit in np.unique(count - np.floor(count * left))] + [count]
     waiting = iter(list(itertools.pairwise(limits)))
 
     def work():
