@@ -59,7 +59,7 @@ def split_far_edges(work, farthest, least_agreement):
     return total
 
 
-def fit_curves(work, limits, passes=4):
+def fit_curves(work, limits, farthest, passes=4):
     """Move vertices along their curves to the nodes that leave least; return the last pass's moves.
 
     Parameters
@@ -67,16 +67,29 @@ def fit_curves(work, limits, passes=4):
     work : WorkMesh
     limits : (angle6, angle3, agreement)
         No triangle may come out below these and below what it was; angles in 3D.
+    farthest : float [unit of the points]
+        No edge of a crease may come to be farther from its curve than this and than before.
     passes : int
     """
     moved = 0
     for _ in range(passes):
         moved = sweep_curve_fit(
-            work.halves, work.links, work.rows, work.counts, as_tangents(limits), work.curves
-        )
+            work.halves, work.links, work.rows, work.counts, as_tangents(limits), farthest**2,
+            work.curves,
+        )  # fmt: skip
         if moved == 0:
             break
     return moved
+
+
+@kernel
+def curve_of(halves, fan, count):
+    """The curve that the centre of a fan lies on; -1 for none."""
+    curve = -1
+    for i in range(count):
+        if halves[fan[i], CREASE] >= 0:
+            curve = halves[fan[i], CREASE] >> 1
+    return curve
 
 
 @kernel
@@ -160,11 +173,28 @@ def sweep_far_splits(halves, links, rows, labels, counts, farthest2, least_agree
 
 
 @kernel
-def best_node(curves, curve, low, here, high, ends):
+def gaps_beside(curves, curve, low, here, high, ends):
+    """Integrals of the squared gaps of the chords on both sides, and the largest squared gap."""
+    left, left_worst, _ = chord_gap(curves, curve, low, here, ends)
+    right, right_worst, _ = chord_gap(curves, curve, here, high, ends)
+    return left + right, max(left_worst, right_worst)
+
+
+@kernel
+def chord_bound(curves, curve, low, here, high, farthest2, ends):
+    """Largest squared gap that a move of a vertex may leave; open boundaries have no bound."""
+    first = curves[0][curve]
+    if curves[2][first, 0] < 0 or curves[2][first, 1] < 0:
+        return math.inf
+    return max(farthest2, gaps_beside(curves, curve, low, here, high, ends)[1])
+
+
+@kernel
+def best_node(curves, curve, low, here, high, farthest2, ends):
     """Parameter between low and high that leaves the least squared gap: a node, or `here`."""
-    best_gap = chord_gap(curves, curve, low, here, ends)[0]
-    best_gap += chord_gap(curves, curve, here, high, ends)[0]
+    best_gap, _ = gaps_beside(curves, curve, low, here, high, ends)
     best_gap *= LEAST_GAIN
+    bound = chord_bound(curves, curve, low, here, high, farthest2, ends)
     best = here
     starts, nodes, _, closed, _ = curves
     length = curve_length(curves, curve)
@@ -176,15 +206,14 @@ def best_node(curves, curve, low, here, high, ends):
             s = nodes[n, 3] + turn * length
             if s <= low + margin or s >= high - margin:
                 continue
-            gap = chord_gap(curves, curve, low, s, ends)[0]
-            gap += chord_gap(curves, curve, s, high, ends)[0]
-            if gap < best_gap:
+            gap, worst = gaps_beside(curves, curve, low, s, high, ends)
+            if gap < best_gap and worst <= bound:
                 best_gap, best = gap, s
     return best
 
 
 @allocating
-def sweep_curve_fit(halves, links, rows, counts, limits, curves):
+def sweep_curve_fit(halves, links, rows, counts, limits, farthest2, curves):
     """One pass over the vertices on curves; returns how many moved."""
     fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
     point, four, ends = np.empty(9), np.empty(4), np.empty((2, 9))
@@ -198,15 +227,12 @@ def sweep_curve_fit(halves, links, rows, counts, limits, curves):
             halves, links, rows, v, fan, count, closed, 0.0, curves, four
         ):
             continue
-        curve = -1
-        for i in range(count):
-            if halves[fan[i], CREASE] >= 0:
-                curve = halves[fan[i], CREASE] >> 1
+        curve = curve_of(halves, fan, count)
         if curve < 0 or curves[4][curve] == 1:
             continue
         here = rows[v, PARAMETER]
         low, high = here + min(four[0], four[2]), here + max(four[0], four[2])
-        parameter = best_node(curves, curve, low, here, high, ends)
+        parameter = best_node(curves, curve, low, here, high, farthest2, ends)
         if parameter == here:
             continue
         gather_star(halves, rows, fan, count, star)

@@ -1,13 +1,11 @@
-"""Single vertices put where they are missing: at far points, and beside short edges that must stay.
+"""Single vertices put where they are missing: beside short edges that must stay.
 
-Moving vertices cannot mend everything: a groove narrower than an edge needs a vertex of its own,
-and a triangle whose short edge joins two vertices that are held (of an open boundary, say) stays
-thin until there is a vertex near that edge.
+Moving vertices cannot mend everything: a triangle whose short edge joins two vertices that are held
+(of an open boundary, say) stays thin until there is a vertex near that edge.
 """
 
 import numpy as np
 
-from meshes.closest_point import ClosestPoint
 from remesh.compiled import allocating
 from remesh.connectivity import (
     BASE,
@@ -24,37 +22,11 @@ from remesh.connectivity import (
 )
 from remesh.embedding import corner_edge_lengths, smallest_angles
 from remesh.nearest import place
-from remesh.reach import FAR_IN_RMS
 from remesh.split import midpoint_inside, split_agreement
 
 AGREEMENT = 0.3
 BESIDE = 1.1  # times a short edge's length: how far from it a vertex is put
 LEAST_SHARE = 0.25  # a new vertex is at least this far along the edge that it splits
-
-
-def insert_at_far_points(work, farthest, at_most):
-    """Split edges at points of the carrier that the triangles miss; return the new rows.
-
-    Parameters
-    ----------
-    work : WorkMesh
-    farthest : float [unit of the points]
-        Points farther than this from the triangles, and than a few times the root mean square
-        distance, are missed.
-    at_most : int
-        Most splits.
-    """
-    points = work.carrier.mesh.points
-    mesh, _ = work.to_mesh()
-    faces, weights, distance = ClosestPoint(mesh.points, mesh.faces).query(points)
-    farthest = max(farthest, FAR_IN_RMS * np.sqrt(np.mean(distance**2)))
-    far = np.flatnonzero(distance > farthest)
-    far = far[np.argsort(-distance[far], kind="stable")]
-    _, first = np.unique(faces[far], return_index=True)
-    far = far[np.sort(first)][:at_most]
-    _, live = work.corner_rows()
-    after = (weights[far].argmin(axis=1) + 1) % 3  # the edge opposite the corner farthest off
-    return split_at(work, 3 * live[faces[far]] + after, points[far])
 
 
 def insert_beside_short_edges(work, least_angle, at_most):

@@ -18,6 +18,7 @@ from remesh.connectivity import (
     ring,
 )
 from remesh.embedding import degrees_of
+from remesh.follow import chord_bound, curve_of, gaps_beside
 from remesh.guard import gather_star, spoke_parts, star_quality, star_triangle
 from remesh.moves import curve_neighbours, move_inside, restore_vertex, save_vertex, slide
 
@@ -31,7 +32,7 @@ TURN_PER_ROW, TURN_PER_SWEEP = 2.4, 1.9  # [radians], so that directions differ
 def optimise_vertices(
     work, sigma, steps, power=2, least_angle3=0.0, weight3=0.0, least_agreement=0.3,
     only_below=180.0, sweeps=1, directions=4, hold=None, hold_weight=0.0,
-    along_curves=True,
+    along_curves=0.0,
 ):  # fmt: skip
     """Search around each vertex for a place with better triangles; return (moved, visited).
 
@@ -65,8 +66,9 @@ def optimise_vertices(
     hold_weight : float
         Of the growth of the squared gaps by a move away from where that fit put the vertex: 1
         lets a vertex that adds the mean gap turn one triangle from 30 to 60 degrees.
-    along_curves : bool
-        Whether vertices on curves are moved too.
+    along_curves : float [unit of the points]
+        If positive, vertices on curves are moved too; no edge of a crease may come to be farther
+        from its curve than this and than before.
     """
     tangent3 = math.tan(math.radians(least_angle3))
     settings = np.array([sigma**2, power, least_angle3, weight3, least_agreement, tangent3], float)
@@ -188,6 +190,7 @@ def sweep_search(
     """Passes of the pattern search in index order; returns (moved, visited) of the last."""
     fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
     shift, point, four, frame = np.empty(3), np.empty(9), np.empty(4), np.empty((2, 3))
+    ends = np.empty((2, 9))
     saved, saved_hints = np.empty((2, 8)), np.empty(2, np.int64)
     best_rows, best_hints = np.empty((2, 8)), np.empty(2, np.int64)
     moved, visited = 0, 0
@@ -198,7 +201,7 @@ def sweep_search(
                 continue
             on_curve = links[v, KIND] == CURVE
             count, closed = ring(halves, links, v, fan)
-            if count == 0 or (on_curve and not along_curves):
+            if count == 0 or (on_curve and along_curves <= 0.0):
                 continue
             gather_star(halves, rows, fan, count, star)
             if not wants_search(rows, halves, fan, count, star, settings, only_below):
@@ -207,6 +210,11 @@ def sweep_search(
                 halves, links, rows, v, fan, count, closed, 0.0, curves, four
             ):
                 continue
+            curve, here, low, high, bound = -1, 0.0, 0.0, 0.0, 0.0
+            if on_curve:
+                curve, here = curve_of(halves, fan, count), rows[v, PARAMETER]
+                low, high = here + min(four[0], four[2]), here + max(four[0], four[2])
+                bound = chord_bound(curves, curve, low, here, high, along_curves**2, ends)
             visited += 1
             best = held_cost(rows, v, hold, hold_weight)
             best += star_cost(rows, halves, fan, count, star, settings, math.inf)
@@ -228,6 +236,10 @@ def sweep_search(
                     )  # fmt: skip
                     if cost >= best:
                         break
+                    if on_curve and bound < math.inf:
+                        s = here + scale * shift[0]
+                        if gaps_beside(curves, curve, low, s, high, ends)[1] > bound:
+                            break
                     best, success = cost, True
                     save_vertex(rows, links, v, best_rows, best_hints)
                     scale *= 2.0

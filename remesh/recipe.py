@@ -6,24 +6,24 @@ import numpy as np
 
 from meshes.quality import face_areas
 from meshes.topology import label_boundaries
-from remesh.adjust import fit_vertices, free_rows, match_volume
+from remesh.adjust import fit_vertices, match_volume
 from remesh.connectivity import BASE, CORNER, INTERIOR, KIND
 from remesh.embedding import smallest_angles
 from remesh.flip import DELAUNAY, VALENCE, flip_edges
 from remesh.follow import fit_curves, split_far_edges
-from remesh.insert import insert_at_far_points, insert_beside_short_edges
+from remesh.insert import insert_beside_short_edges
 from remesh.optimise import optimise_vertices
-from remesh.reach import reach_far_points
+from remesh.relieve import relieve_gaps
 from remesh.shape_kernels import area_and_moments
 from remesh.smooth import AREA, UNIFORM, smooth_vertices
 from remesh.sweeps import FIRST_LENGTH, PliantLoop, length_for_count
 from remesh.tips import keep_tips
 
 LAST_AGREEMENT = 0.2
-FARTHEST = 0.03  # of the target length: of a crease's nodes from its edges
-REACH_ANGLE = 30.0  # [degrees] that reaching for far points may leave in 3D
+FARTHEST = 0.03  # of the target length: largest gap, and that of creases from their edges
 CURVE_ANGLE = 22.0  # [degrees] that fitting curves may leave in 3D
-SPARED = 1.0  # [degrees] that vertices may cost which far points hold
+SPARED = {True: 0.9, False: 0.982}  # of the 3D angle aimed at, what smaller gaps may leave
+LEAST_AGREEMENT, RELIEFS = 0.1, 3
 MOST_INSERTED, FILL_ROUNDS = 0.005, 3  # share of the vertices
 THIN = 18.0  # [degrees] below which a triangle at a held short edge gets a vertex
 LOOP_SIGMA = 0.85  # of sigma: the searches then stretch triangles, and stop short of it
@@ -118,45 +118,32 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
         progress("fit", 0.3)
     if settings.optimise:
         general_search(work, recipe, recipe.first_search)
-        if settings.fit and recipe.embedded and settings.smoothing == 0 and not creased(work):
-            fill_far_points(work, recipe, length)
         progress("optimise", 0.5)
-    reached = np.zeros(0, int)
     if settings.fit:
         fit_and_search(work, gaps, recipe, settings.optimise)
         progress("fit", 1.0)
-        if settings.smoothing == 0:
-            limits = (20.0 if recipe.embedded else 0.0, min(recipe.least3, REACH_ANGLE), 0.05)
-            reached = reach_far_points(work, free_rows(work), length, recipe.final_sigma, limits)
     if settings.optimise:
-        if not recipe.embedded:
-            work.links[reached, KIND] = CORNER  # the others make room first
-            improve_worst(work, recipe)
-            work.links[reached, KIND] = INTERIOR
-        if recipe.embedded or least_angle(work) < recipe.least3 - SPARED:
-            improve_worst(work, recipe)
+        improve_worst(work, recipe, length)
         if not recipe.embedded:  # thin in 3D is what sigma asks for
-            relieve_short_edges(work, recipe)
-        progress("optimise", 1.0)
+            relieve_short_edges(work, recipe, length)
+    if settings.fit and settings.smoothing == 0:
+        relieve(work, recipe, length, settings.optimise)
+    progress("optimise", 1.0)
     if settings.fit and volume is not None:
         match_volume(work, volume)
     return length
 
 
-def creased(work):
-    """Whether the surface has feature edges: what is put in near them may fold the surface."""
-    return len(work.carrier.curves.vertices) > 0
-
-
-def fill_far_points(work, recipe, length):
-    """Give points that the triangles miss a vertex, and have those around it adapt."""
-    most = int(MOST_INSERTED * work.vertices)
-    for _ in range(FILL_ROUNDS):
-        rows = insert_at_far_points(work, FARTHEST * length, most)
-        if len(rows) == 0:
+def relieve(work, recipe, length, search):
+    """Make the largest gaps smaller, in turn with a search for the worst angles."""
+    least3 = SPARED[recipe.embedded] * recipe.least3
+    limits = (20.0 if recipe.embedded else 0.0, least3, LEAST_AGREEMENT)
+    for i in range(RELIEFS):
+        if i > 0:
+            improve_worst(work, recipe, length)
+        left = relieve_gaps(work, FARTHEST * length, recipe.final_sigma, limits)
+        if not search or (left == 0 and least_angle(work) > least3):
             return
-        most -= len(rows)
-        adapt_around(work, recipe, rows)
 
 
 def least_angle(work):
@@ -164,7 +151,7 @@ def least_angle(work):
     return smallest_angles(work.rows[work.corner_rows()[0], :3]).min()
 
 
-def relieve_short_edges(work, recipe):
+def relieve_short_edges(work, recipe, length):
     """Put vertices beside short edges that are held, where triangles are thin because of them."""
     most = int(MOST_INSERTED * work.vertices)
     for _ in range(FILL_ROUNDS):
@@ -173,7 +160,7 @@ def relieve_short_edges(work, recipe):
             return
         most -= len(rows)
         adapt_around(work, recipe, rows)
-        improve_worst(work, recipe)
+        improve_worst(work, recipe, length)
 
 
 def adapt_around(work, recipe, rows):
@@ -186,7 +173,7 @@ def adapt_around(work, recipe, rows):
         flip_edges(work, recipe.final_sigma, (20.0, 0.0, agreement), DELAUNAY, 3)
         optimise_vertices(
             work, recipe.final_sigma, steps, 2, recipe.least3, recipe.weight3, agreement,
-            sweeps=3, along_curves=False,
+            sweeps=3,
         )  # fmt: skip
     work.links[rows, KIND] = INTERIOR
 
@@ -204,14 +191,15 @@ def near_rows(work, rows, rings):
 
 def follow_curves(work, recipe, length):
     """Have the feature edges follow their curves closely."""
-    if not creased(work):
+    if len(work.carrier.curves.vertices) == 0:
         return
     for _ in range(2):
         if split_far_edges(work, FARTHEST * length, recipe.agreement) == 0:
             break
         flip_edges(work, recipe.sigma, (25.0, 0.0, recipe.agreement), VALENCE, 3)
         smooth_vertices(work, recipe.sigma, (20.0, 0.0, recipe.agreement), UNIFORM, 0.7)
-    fit_curves(work, (0.0, CURVE_ANGLE, recipe.agreement))
+    fit_curves(work, (0.0, CURVE_ANGLE, recipe.agreement), FARTHEST * length)
+    split_far_edges(work, FARTHEST * length, recipe.agreement)
 
 
 def tip_length(work, recipe, length, vertices):
@@ -234,7 +222,6 @@ def general_search(work, recipe, sweeps, agreement=None, hold=None):
         optimise_vertices(
             work, recipe.final_sigma, steps, 2, recipe.least3, recipe.weight3, agreement,
             sweeps=count, hold=hold, hold_weight=recipe.hold,
-            along_curves=False,
         )  # fmt: skip
         flip_edges(work, recipe.final_sigma, (20.0, guard3, agreement), DELAUNAY, 3)
 
@@ -277,16 +264,19 @@ def adapt_to_surface(work, gaps, recipe, hold):
     gaps.on_surface(work, search)
 
 
-def improve_worst(work, recipe, sweeps=12):
+def improve_worst(work, recipe, length, sweeps=12):
     """Search around the few worst triangles alone."""
+    farthest = FARTHEST * length
     if recipe.embedded:
         optimise_vertices(
-            work, recipe.sigma, WORST_STEP, 2, recipe.least3, 20.0, recipe.agreement, 0.1, sweeps
-        )
+            work, recipe.sigma, WORST_STEP, 2, recipe.least3, 20.0, recipe.agreement, 0.1, sweeps,
+            along_curves=farthest,
+        )  # fmt: skip
     else:
         optimise_vertices(
-            work, 0.0, WORST_STEP, 8, recipe.least3, 20.0, recipe.agreement, recipe.least3, sweeps
-        )
+            work, 0.0, WORST_STEP, 8, recipe.least3, 20.0, recipe.agreement, recipe.least3, sweeps,
+            along_curves=farthest,
+        )  # fmt: skip
 
 
 def choose_recipe(settings, mesh, jagged):

@@ -1,19 +1,15 @@
-"""Feature edges that follow their curve, and vertices drawn to what triangles miss."""
+"""Feature edges that follow their curve."""
 
 import numpy as np
 
-from meshes.closest_point import ClosestPoint
 from meshes.features import find_features
-from remesh.adjust import free_rows
 from remesh.carrier import make_carrier
 from remesh.collapse import collapse_short_edges
-from remesh.embedding import smallest_angles
 from remesh.follow import chord_gap, fit_curves, split_far_edges
 from remesh.halfedge import WorkMesh
-from remesh.reach import reach_far_points
+from remesh.optimise import optimise_vertices
 from tests.remesh import reference
 from tests.remesh.shapes import cylinder, revolved
-from tests.shapes import icosphere
 
 
 def farthest_from_curve(work):
@@ -66,31 +62,19 @@ def test_curve_vertices_move_to_the_nodes_that_leave_least():
     assert nodes[: starts[1]][inside][np.argmax(away), 3] == at
     assert total > 0.0
     before = farthest_from_curve(work)
-    assert fit_curves(work, (0.0, 0.0, 0.0), passes=1) > 0
+    assert fit_curves(work, (0.0, 0.0, 0.0), 0.0, passes=1) > 0
     assert farthest_from_curve(work) <= before
     assert not reference.broken_links(work)
 
 
-def test_a_vertex_is_drawn_to_a_spike_that_triangles_miss():
-    sphere = icosphere(4)
-    points = sphere.points.copy()
-    spike = int(np.argmax(points @ np.array([0.3, 0.5, 0.8])))
-    points[spike] *= 1.2
-    work = WorkMesh(make_carrier(sphere.with_points(points)))
-    collapse_short_edges(work, 0.4, 0.9, 0.0, (0.0, 0.0, 0.1))
-    work.compact()
-
-    def missed():
-        mesh, _ = work.to_mesh()
-        return ClosestPoint(mesh.points, mesh.faces).query(points[[spike]])[2][0]
-
-    before = missed()
-    assert before > 0.1
-    rows = reach_far_points(work, free_rows(work), 0.3, 0.0, (0.0, 5.0, 0.0))
-    assert len(rows) > 0
-    assert missed() < 0.5 * before
-    mesh, _ = work.to_mesh()
-    assert smallest_angles(mesh.points[mesh.faces]).min() > 1.0
+def test_no_vertex_on_a_crease_moves_so_that_its_edges_come_to_be_too_far_off():
+    for bound, held in ((0.01, True), (1.0, False)):
+        work = coarse_cylinder()
+        while split_far_edges(work, 0.01, 0.1):
+            pass
+        moved, _ = optimise_vertices(work, 0.0, 0.3, 8, sweeps=5, along_curves=bound)
+        assert moved > 0
+        assert (farthest_from_curve(work) <= 0.01) == held
 
 
 def test_planes_nearly_across_an_axis_are_exactly_so():
