@@ -26,6 +26,8 @@ class TriangleFidelity:
         For each triangle of the work mesh's carrier one of the surface nearby.
     """
 
+    on_carrier = True  # the carrier's triangles, not only its vertices, are the surface
+
     def __init__(self, surface, hints):
         self.surface = surface
         self.hints = np.asarray(hints, np.int64)
@@ -78,6 +80,8 @@ class ImplicitFidelity:
     ----------
     surfaces : sequence of ImplicitSurface
     """
+
+    on_carrier = False
 
     def __init__(self, surfaces):
         self.surfaces = surfaces

@@ -25,7 +25,7 @@ from remesh.moves import curve_neighbours, move_inside, restore_vertex, save_ver
 BARRIER = 1e3
 DOUBLINGS = 2
 GROWTH, SHRINKAGE = 1.2, 0.5
-LONGEST_STEP, SHORTEST_STEP = 0.3, 0.004  # of the mean edge at a vertex
+LONGEST_STEP, SHORTEST_STEP = 0.3, 0.012  # of the mean edge at a vertex
 TURN_PER_ROW, TURN_PER_SWEEP = 2.4, 1.9  # [radians], so that directions differ
 
 

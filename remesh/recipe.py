@@ -21,6 +21,7 @@ from remesh.tips import keep_tips
 
 LAST_AGREEMENT = 0.2
 FARTHEST = 0.03  # of the target length: largest gap, and that of creases from their edges
+DIRECTIONS, WORST_DIRECTIONS = 3, 6  # of the general search and of that for the worst
 CURVE_ANGLE = 22.0  # [degrees] that fitting curves may leave in 3D
 SPARED = {True: 0.9, False: 0.982}  # of the 3D angle aimed at, what smaller gaps may leave
 LEAST_AGREEMENT, RELIEFS = 0.1, 3
@@ -28,7 +29,7 @@ MOST_INSERTED, FILL_ROUNDS = 0.005, 3  # share of the vertices
 THIN = 18.0  # [degrees] below which a triangle at a held short edge gets a vertex
 LOOP_SIGMA = 0.85  # of sigma: the searches then stretch triangles, and stop short of it
 STRETCHED = 3.0  # triangles that sigma stretches more cannot keep their 3D angles
-FIRST_STEP, WORST_STEP = 0.08, 0.15  # of the mean edge at a vertex
+FIRST_STEP, HELD_STEP, WORST_STEP = 0.08, 0.04, 0.15  # of the mean edge at a vertex
 
 
 @dataclass(frozen=True)
@@ -127,21 +128,21 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
         if not recipe.embedded:  # thin in 3D is what sigma asks for
             relieve_short_edges(work, recipe, length)
     if settings.fit and settings.smoothing == 0:
-        relieve(work, recipe, length, settings.optimise)
+        relieve(work, gaps, recipe, length, settings.optimise)
     progress("optimise", 1.0)
     if settings.fit and volume is not None:
         match_volume(work, volume)
     return length
 
 
-def relieve(work, recipe, length, search):
+def relieve(work, gaps, recipe, length, search):
     """Make the largest gaps smaller, in turn with a search for the worst angles."""
     least3 = SPARED[recipe.embedded] * recipe.least3
     limits = (20.0 if recipe.embedded else 0.0, least3, LEAST_AGREEMENT)
     for i in range(RELIEFS):
         if i > 0:
             improve_worst(work, recipe, length)
-        left = relieve_gaps(work, FARTHEST * length, recipe.final_sigma, limits)
+        left = relieve_gaps(work, FARTHEST * length, recipe.final_sigma, limits, gaps.on_carrier)
         if not search or (left == 0 and least_angle(work) > least3):
             return
 
@@ -216,12 +217,12 @@ def general_search(work, recipe, sweeps, agreement=None, hold=None):
         What the last fit returned: the search then minds how far it moves from there.
     """
     agreement = recipe.agreement if agreement is None else agreement
-    steps = np.full(len(work.links), FIRST_STEP)
+    steps = np.full(len(work.links), FIRST_STEP if hold is None else HELD_STEP)
     guard3 = recipe.loop_least3 if recipe.embedded else 0.0
     for count in sweeps:
         optimise_vertices(
             work, recipe.final_sigma, steps, 2, recipe.least3, recipe.weight3, agreement,
-            sweeps=count, hold=hold, hold_weight=recipe.hold,
+            sweeps=count, directions=DIRECTIONS, hold=hold, hold_weight=recipe.hold,
         )  # fmt: skip
         flip_edges(work, recipe.final_sigma, (20.0, guard3, agreement), DELAUNAY, 3)
 
@@ -264,18 +265,18 @@ def adapt_to_surface(work, gaps, recipe, hold):
     gaps.on_surface(work, search)
 
 
-def improve_worst(work, recipe, length, sweeps=12):
+def improve_worst(work, recipe, length, sweeps=20):
     """Search around the few worst triangles alone."""
     farthest = FARTHEST * length
     if recipe.embedded:
         optimise_vertices(
             work, recipe.sigma, WORST_STEP, 2, recipe.least3, 20.0, recipe.agreement, 0.1, sweeps,
-            along_curves=farthest,
+            directions=WORST_DIRECTIONS, along_curves=farthest,
         )  # fmt: skip
     else:
         optimise_vertices(
             work, 0.0, WORST_STEP, 8, recipe.least3, 20.0, recipe.agreement, recipe.least3, sweeps,
-            along_curves=farthest,
+            directions=WORST_DIRECTIONS, along_curves=farthest,
         )  # fmt: skip
 
 
@@ -295,7 +296,7 @@ def choose_recipe(settings, mesh, jagged):
             return Recipe(
                 settings.sigma, settings.sigma, AREA, least3=12.0, weight3=1.0,
                 fits=(0.02,), ridge=0.17, first_search=(2, 3),
-                later_search=(4,), last_search=(4,), hold=0.5, last_fit=0.06,
+                later_search=(4,), last_search=(4,), hold=0.7, last_fit=0.06,
             )  # fmt: skip
         holds_shape = (
             len(label_boundaries(mesh)) > 0 and longest_stretch(settings, mesh) < STRETCHED
@@ -303,14 +304,14 @@ def choose_recipe(settings, mesh, jagged):
         least3 = 24.0 if holds_shape else 12.0
         return Recipe(
             LOOP_SIGMA * settings.sigma, settings.sigma, AREA, agreement=0.2, least3=least3,
-            weight3=1.0, fits=(0.02, 0.02, 0.02, 0.02), order=3, hold=0.14,
+            weight3=1.0, fits=(0.02, 0.02, 0.02), order=3, hold=0.28,
         )  # fmt: skip
     size = extent(mesh)
     if jagged:
         return Recipe(0.0101 * size, 0.0, fits=(0.1,), ridge=0.03, delaunay_rounds=0)
     return Recipe(
         0.0229 * size, 0.0, short=0.72, long=1.38, agreement=0.1, fits=(0.1, 0.1), order=3,
-        hold=0.1,
+        hold=0.18,
     )  # fmt: skip
 
 

@@ -50,7 +50,7 @@ LEAST_GAIN = 0.98
 ROUNDS, SWEEPS = 6, 3
 
 
-def relieve_gaps(work, farthest, sigma, limits, rounds=ROUNDS):
+def relieve_gaps(work, farthest, sigma, limits, exact=True, rounds=ROUNDS):
     """Move vertices and flip edges around triangles that are too far from the carrier.
 
     Parameters
@@ -63,6 +63,9 @@ def relieve_gaps(work, farthest, sigma, limits, rounds=ROUNDS):
         Of the 6D angles that `limits` speaks of.
     limits : (angle6, angle3, agreement)
         No triangle may come out below these and below what it was.
+    exact : bool
+        Whether the carrier's triangles are the surface itself; else only its vertices are, and
+        gaps are measured at these alone.
     rounds : int
 
     Returns
@@ -71,7 +74,8 @@ def relieve_gaps(work, farthest, sigma, limits, rounds=ROUNDS):
         Triangles with a larger gap that are left.
     """
     work.compact()
-    lattice, tangents = lattice_points(PARTS), as_tangents(limits)
+    lattice = lattice_points(PARTS) if exact else np.zeros((0, 3))
+    tangents = as_tangents(limits)
     movable = free_rows(work)
     movable |= work.links[: len(movable), KIND] == CURVE
     for turn in range(rounds + 1):
@@ -108,8 +112,8 @@ def lattice_points(parts):
 def gaps_of(work, farthest, lattice):
     """What the kernels measure against, the gap of every triangle, and what gap is allowed.
 
-    The points looked for are the carrier's vertices, and some inside of those of its triangles
-    that have a corner far off.
+    The points looked for are the carrier's vertices and, if there is a lattice, some inside of
+    those of its triangles that have a corner far off.
     """
     carrier = work.carrier.mesh
     mesh, _ = work.to_mesh()
@@ -117,7 +121,7 @@ def gaps_of(work, farthest, lattice):
     faces, _, distance = nearest.query(carrier.points)
     farthest = max(farthest, FAR_IN_RMS * float(np.sqrt(np.mean(distance**2))))
     far = carrier.faces[(distance[carrier.faces] > NEARLY * farthest).any(axis=1)]
-    inside = np.einsum("sk,mkd->msd", INSIDE, carrier.points[far]).reshape(-1, 3)
+    inside = np.einsum("sk,mkd->msd", INSIDE[: len(lattice)], carrier.points[far]).reshape(-1, 3)
     inside_faces, _, inside_distance = nearest.query(inside)
     _, live = work.corner_rows()
     triangle = live[np.concatenate([faces, inside_faces])]
