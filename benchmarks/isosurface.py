@@ -5,10 +5,11 @@
 The first table takes sine-profile fields of a ball and of an inclined round beam, on jittered BCC
 meshes of three sizes: distance of the vertices and of the triangles' centroids from the exact
 surface (root mean square, in units of the coarsest mesh's edge), error of the volume, and the
-orders. The second compares the ways to triangles without slivers, on the middle mesh. With
---fields, the folders of two runs of one case at edge lengths h and h/2, same gamma and eps:
-distances from the surface of the fine run, in h, of the coarse run's, and of the fine field sampled
-at the coarse mesh's nodes (so that they differ by the extraction alone).
+orders. "newton" moves the vertices of quadratic crossings by Newton's method. The second compares
+the ways to triangles without slivers, on the middle mesh. With --fields, the folders of two runs of
+one case at edge lengths h and h/2, same gamma and eps: distances from the surface of the fine run,
+in h, of the coarse run's, and of the fine field sampled at the coarse mesh's nodes (so that they
+differ by the extraction alone). `benchmarks.isosurface_runs` makes many such pairs.
 """
 
 import argparse
@@ -24,6 +25,8 @@ if __package__ in (None, ""):
     sys.path[0] = str(ROOT)
 
 import isosurface as iso  # noqa: E402
+from isosurface.crossing import CROSSINGS, profile_angle  # noqa: E402
+from isosurface.local_quadratics import local_quadratics  # noqa: E402
 from meshes import PhaseField, TetMesh  # noqa: E402
 from meshes.closest_point import ClosestPoint, two_sided_distance  # noqa: E402
 from meshes.io import load_tet_mesh  # noqa: E402
@@ -34,7 +37,8 @@ from meshes.tet_mesh import tet_volumes  # noqa: E402
 
 CELLS = (12, 20, 34)
 WIDTH = 0.35  # of the interface
-CROSSINGS = ("linear", "sine", "quadratic")
+METHODS = (*CROSSINGS, "newton")
+NEWTON_STEPS = 3
 AXIS = np.array([0.9, 0.36, 0.246])
 
 
@@ -44,8 +48,8 @@ def main():
     parser.add_argument("--fields", nargs=2, metavar=("COARSE", "FINE"))
     options = parser.parse_args()
     for shape in SHAPES:
-        for crossing in CROSSINGS:
-            print_orders(shape, crossing)
+        for method in METHODS:
+            print_orders(shape, method)
     for shape in SHAPES:
         print_shapes(shape)
     if options.fields:
@@ -91,20 +95,43 @@ def errors(surface, distance, volume):
     return [*rms, abs(signed_volume(surface) / volume - 1.0)]
 
 
-def print_orders(shape, crossing):
+def extracted(field, method):
+    """The surface by one of METHODS; "newton" goes on from quadratic crossings."""
+    if method == "newton":
+        return newton(iso.extract_surface(field), field)
+    return iso.extract_surface(field, crossing=method)
+
+
+def newton(surface, field, level=0.5):
+    """Vertices off the caps moved by Newton's method on quadratics fitted around themselves."""
+    inner = (field.values > 0.0) & (field.values < 1.0)
+    nodes, angles = field.mesh.points[inner], profile_angle(field.values[inner])
+    moved = np.zeros(len(surface.points), dtype=bool)
+    smooth = surface.face_labels == [p.name for p in surface.labels].index("isosurface")
+    moved[surface.faces[smooth]] = True
+    moved[surface.faces[~smooth]] = False
+    points = np.array(surface.points)
+    for _ in range(NEWTON_STEPS):
+        found = local_quadratics(nodes, angles, points[moved])
+        miss = (found.values - profile_angle(level)) / (found.gradients**2).sum(axis=1)
+        points[moved] -= miss[:, None] * found.gradients
+    return surface.with_points(points)
+
+
+def print_orders(shape, method):
     """One line: errors on three meshes, and their fitted orders."""
     distance, volume = SHAPES[shape]
     rows = []
     for cells in CELLS:
         started = time.perf_counter()
-        surface = iso.extract_surface(sine_field(distance, cells), crossing=crossing)
+        surface = extracted(sine_field(distance, cells), method)
         spent = time.perf_counter() - started
         rows.append(errors(surface, distance, volume))
     orders = -np.polyfit(np.log(CELLS), np.log(rows), 1)[0]
     unit = 2.0 / CELLS[0]
     parts = [f"{v / unit:.2e} {c / unit:.2e} {q:.2e}" for v, c, q in rows]
     orders = " ".join(f"{order:.1f}" for order in orders)
-    print(f"{shape:5} {crossing:10} {' | '.join(parts)} | orders {orders} | {spent:.2f} s")
+    print(f"{shape:5} {method:10} {' | '.join(parts)} | orders {orders} | {spent:.2f} s")
 
 
 def angle_figures(surface):

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from isosurface import diffused, extract_surface, mirror, modelled_volume, surface_level
+from isosurface import (
+    crossing,
+    diffused,
+    extract_surface,
+    mirror,
+    modelled_volume,
+    surface_level,
+)
 from isosurface.crossing import profile_angle
 from isosurface.local_quadratics import local_quadratics
 from meshes import InvalidCase, PhaseField
@@ -30,20 +37,50 @@ def test_local_quadratics_reproduce_quadratics(scale):
     half = rng.standard_normal((3, 3)) / scale**2
     slope = rng.standard_normal(3) / scale
     values = points @ slope + np.einsum("ni,ij,nj->n", points, half, points)
-    gradients, hessians, _ = local_quadratics(points, values, at, 40)
+    found = local_quadratics(points, values, at, 40)
+    assert (found.misfit < 0.02).all()
+    exact = at @ slope + np.einsum("ni,ij,nj->n", at, half, at)
+    np.testing.assert_allclose(found.values, exact, atol=0.01)
     np.testing.assert_allclose(
-        hessians * scale**2, scale**2 * np.array([half + half.T] * 7), atol=0.2
+        found.hessians * scale**2, scale**2 * np.array([half + half.T] * 7), atol=0.2
     )
     expected = slope + at @ (half + half.T)
-    np.testing.assert_allclose(gradients * scale, expected * scale, atol=0.03)
+    np.testing.assert_allclose(found.gradients * scale, expected * scale, atol=0.03)
 
 
 def test_quadratic_crossings_are_several_times_as_close():
     error = {
-        crossing: np.sqrt(np.mean(distances(extract_surface(ball(), crossing=crossing)) ** 2))
-        for crossing in ("linear", "sine", "quadratic")
+        name: np.sqrt(np.mean(distances(extract_surface(ball(), crossing=name)) ** 2))
+        for name in ("linear", "sine", "quadratic")
     }
     assert error["quadratic"] < 0.25 * error["sine"] <= 0.25 * error["linear"]
+
+
+def test_misfit_is_the_noise_of_the_values():
+    rng = np.random.default_rng(0)
+    points, at = rng.random((4000, 3)), 0.3 + 0.4 * rng.random((300, 3))
+    noisy = points @ [1.0, 2.0, 3.0] + 0.2 * rng.standard_normal(4000)
+    for neighbours in (16, 40):
+        misfit = local_quadratics(points, noisy, at, neighbours).misfit
+        assert np.sqrt(np.mean(misfit**2)) == pytest.approx(0.2, rel=0.2)
+    assert np.isinf(local_quadratics(points, noisy, at, 10).misfit).all()
+
+
+def test_quadratics_that_the_nodes_do_not_lie_on_are_trusted_less(monkeypatch):
+    """Nodes of a ball's profile that lie off it by 0.2 radians, as those of coarse designs do."""
+    rng = np.random.default_rng(0)
+    exact = ball()
+    inner = (exact.values > 0.0) & (exact.values < 1.0)
+    angle = profile_angle(exact.values) + 0.2 * inner * rng.standard_normal(len(inner))
+    noisy = PhaseField(exact.mesh, 0.5 * (1.0 + np.sin(np.clip(angle, -np.pi / 2, np.pi / 2))))
+    error = {}
+    for name, field in (("exact", exact), ("noisy", noisy)):
+        for misfit in (crossing.MISFIT, 1e9):
+            monkeypatch.setattr(crossing, "MISFIT", misfit)
+            error[name, misfit] = np.sqrt(np.mean(distances(extract_surface(field)) ** 2))
+            monkeypatch.undo()
+    assert error["noisy", crossing.MISFIT] < 0.98 * error["noisy", 1e9]
+    assert error["exact", crossing.MISFIT] == pytest.approx(error["exact", 1e9], rel=0.02)
 
 
 def test_a_node_at_the_level_and_a_sharp_interface_give_proper_surfaces():
