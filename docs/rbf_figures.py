@@ -71,7 +71,7 @@ def plot_scales():
 
 
 def plot_line():
-    """Fig. 2.6: the same data with different kernels."""
+    """Fig. 2.6: the same data with different kernels (a line does not determine the tail of r^3)."""
     figure, ax = plt.subplots(figsize=(6, 3))
     x = np.linspace(-1, 5, 400)
     line = np.stack([x, 0 * x, 0 * x], axis=1)
@@ -82,8 +82,8 @@ def plot_line():
         fit = fit_global(SITES, HEIGHTS, kernel=name, scale=1.0)
         ax.plot(x, fit.value(line), "--", label=name)
     ax.plot(SITES[:, 0], HEIGHTS, "ko", ms=4)
-    ax.set(xlabel="x", ylabel="S", ylim=(-0.5, 3))
-    ax.legend(fontsize=7)
+    ax.set(xlabel="x", ylabel="S", ylim=(-0.1, 2.2))
+    ax.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
