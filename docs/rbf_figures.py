@@ -71,7 +71,7 @@ def plot_scales():
 
 
 def plot_line():
-    """Fig. 2.6: the same data with different kernels (a line does not determine the tail of r^3)."""
+    """Fig. 2.6: the same data with different kernels (a line does not give the tail of r^3)."""
     figure, ax = plt.subplots(figsize=(6, 3))
     x = np.linspace(-1, 5, 400)
     line = np.stack([x, 0 * x, 0 * x], axis=1)
