@@ -13,9 +13,7 @@ from meshes.closest_point_kernels import FAR, STACK, closest_in_tree, walk
 from remesh.bounded_kernels import (
     MOST_STAR,
     WORSE,
-    after_of,
     assign,
-    before_of,
     fill_fan,
     fill_star,
     gather,
@@ -25,6 +23,7 @@ from remesh.bounded_kernels import (
 )
 from remesh.bounded_mesh import FIXED, INSIDE
 from remesh.compiled import allocating, kernel
+from remesh.connectivity import following, preceding
 
 FIRST_COST, LAST_COST, GROWTH = 0.02, 2.0, 1.5  # of the bound; of the squared cost per pass
 PULL = 1e-4  # towards the middle of the edge, where the quadric leaves a direction free
@@ -106,7 +105,7 @@ def plan(state, h, centre, q, x):
     q is in coordinates about the centre.
     """
     corner, _twin, crease, _, _, kind, points, _, quadrics = state
-    u, v = corner[h], corner[after_of(h)]
+    u, v = corner[h], corner[following(h)]
     if kind[u] != INSIDE and kind[v] != INSIDE and crease[h] == 0:
         return FAR
     if kind[u] == FIXED and kind[v] == FIXED:
@@ -135,16 +134,16 @@ def link_allows(state, h, ring_u, count_u, ring_v, count_v):
     """Whether a collapse leaves a manifold: only the two opposite corners neighbour both ends."""
     corner, twin, _, _, _first, _, _, _, _ = state
     g = twin[h]
-    a = corner[before_of(h)]
-    b = corner[before_of(g)] if g >= 0 else -1
+    a = corner[preceding(h)]
+    b = corner[preceding(g)] if g >= 0 else -1
     common = 0
     for i in range(-1, count_u):
-        p = corner[after_of(ring_u[i])] if i >= 0 else corner[before_of(ring_u[count_u - 1])]
-        if i < 0 and twin[before_of(ring_u[count_u - 1])] >= 0:
+        p = corner[following(ring_u[i])] if i >= 0 else corner[preceding(ring_u[count_u - 1])]
+        if i < 0 and twin[preceding(ring_u[count_u - 1])] >= 0:
             continue
         for j in range(-1, count_v):
-            q = corner[after_of(ring_v[j])] if j >= 0 else corner[before_of(ring_v[count_v - 1])]
-            if j < 0 and twin[before_of(ring_v[count_v - 1])] >= 0:
+            q = corner[following(ring_v[j])] if j >= 0 else corner[preceding(ring_v[count_v - 1])]
+            if j < 0 and twin[preceding(ring_v[count_v - 1])] >= 0:
                 continue
             if p == q:
                 common += 1
@@ -159,7 +158,7 @@ def has_three(twin, first, v):
     h, count = first[v], 0
     while True:
         count += 1
-        g = twin[before_of(h)]
+        g = twin[preceding(h)]
         if g < 0:
             break
         h = g
@@ -167,7 +166,7 @@ def has_three(twin, first, v):
             return count <= 3
     h = first[v]
     while twin[h] >= 0:
-        h = after_of(twin[h])
+        h = following(twin[h])
         count += 1
     return count <= 1
 
@@ -190,20 +189,20 @@ def joint_normal(kind, normals, u, v, result):
 def join(state, cost, h, x):
     """Collapse half-edge h into its end, which goes to x."""
     corner, twin, crease, _, first, kind, points, normals, quadrics = state
-    u, v = corner[h], corner[after_of(h)]
-    a = corner[before_of(h)]
+    u, v = corner[h], corner[following(h)]
+    a = corner[preceding(h)]
     g = twin[h]
     start = first[u]
     i = start
     while True:  # all corners of u become v
         corner[i] = v
-        j = twin[before_of(i)]
+        j = twin[preceding(i)]
         if j < 0 or j == start:
             break
         i = j
     i = start
     while twin[i] >= 0:
-        i = after_of(twin[i])
+        i = following(twin[i])
         if i == start:
             break
         corner[i] = v
@@ -218,9 +217,9 @@ def join(state, cost, h, x):
         e = h if side == 0 else g
         if e < 0:
             continue
-        p, r = twin[after_of(e)], twin[before_of(e)]
-        top = corner[before_of(e)]
-        marked = max(crease[after_of(e)], crease[before_of(e)])
+        p, r = twin[following(e)], twin[preceding(e)]
+        top = corner[preceding(e)]
+        marked = max(crease[following(e)], crease[preceding(e)])
         if p >= 0:
             twin[p] = r
             crease[p] = marked
@@ -228,9 +227,9 @@ def join(state, cost, h, x):
             twin[r] = p
             crease[r] = marked
         # p leaves top and r ends there, seen from outside of the face
-        first[top] = p if p >= 0 and corner[p] == top else after_of(r)
+        first[top] = p if p >= 0 and corner[p] == top else following(r)
         if side == 0:
-            first[v] = r if r >= 0 else after_of(p)
+            first[v] = r if r >= 0 else following(p)
         for k in range(3):
             corner[e - e % 3 + k] = -1
     return a
@@ -246,8 +245,8 @@ def forget_costs(state, cost, v, ring):
         cost[h] = -1.0
         if twin[h] >= 0:
             cost[twin[h]] = -1.0
-        if twin[before_of(h)] < 0:
-            cost[before_of(h)] = -1.0
+        if twin[preceding(h)] < 0:
+            cost[preceding(h)] = -1.0
 
 
 @kernel
@@ -303,7 +302,7 @@ def sweep_collapses(
         if corner[h] < 0 or (twin[h] >= 0 and twin[h] < h) or cost[h] > threshold2:
             continue
         price = plan(state, h, centre, q, x)
-        u, v = corner[h], corner[after_of(h)]
+        u, v = corner[h], corner[following(h)]
         square = 0.0
         for k in range(3):
             square += (points[u, k] - points[v, k]) ** 2
@@ -319,9 +318,9 @@ def sweep_collapses(
         if not link_allows(state, h, ring_u, count_u, ring_v, count_v):
             continue
         g = twin[h]
-        if has_three(twin, first, corner[before_of(h)]):
+        if has_three(twin, first, corner[preceding(h)]):
             continue
-        if g >= 0 and has_three(twin, first, corner[before_of(g)]):
+        if g >= 0 and has_three(twin, first, corner[preceding(g)]):
             continue
         count = fill_fan(state, u, ring_u, count_u, v, fan, 0)
         half = count
@@ -345,7 +344,7 @@ def sweep_collapses(
         for i in range(count_u):
             filled = gather(samples[0], samples[1], ring_u[i] // 3, pool, filled)
         for i in range(count_v):
-            if corner[after_of(ring_v[i])] != u and corner[before_of(ring_v[i])] != u:
+            if corner[following(ring_v[i])] != u and corner[preceding(ring_v[i])] != u:
                 filled = gather(samples[0], samples[1], ring_v[i] // 3, pool, filled)
         allowed = FAR if forced else limit2
         if measure(state, samples, fan, star, count, x, pool, filled, allowed, cosine, found) < 0:

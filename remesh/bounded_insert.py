@@ -7,9 +7,7 @@ import numpy as np
 from meshes.closest_point_kernels import FAR, closest_on_triangle
 from remesh.bounded_kernels import (
     MOST_STAR,
-    after_of,
     assign,
-    before_of,
     fill_fan,
     fill_star,
     gather,
@@ -19,6 +17,7 @@ from remesh.bounded_kernels import (
 )
 from remesh.bounded_mesh import INSIDE, ON_CURVE
 from remesh.compiled import allocating, kernel
+from remesh.connectivity import following, preceding
 
 MIDDLE = 0.12  # barycentric coordinate above which a point lies inside, not near an edge
 LEAST_SHAPE = 0.01  # height over longest edge, of the triangles that a point makes
@@ -69,7 +68,7 @@ def link(twin, h, g):
 def split_face(state, samples, counts, h, m):
     """Put vertex m into the face of half-edge h, from a to b, with third corner c."""
     corner, twin, crease, label, first, _, _, _, _ = state
-    h1, h2 = after_of(h), before_of(h)
+    h1, h2 = following(h), preceding(h)
     a, b, c = corner[h], corner[h1], corner[h2]
     n = new_face(state, samples, counts, label[h // 3])
     p = new_face(state, samples, counts, label[h // 3])
@@ -89,35 +88,36 @@ def split_face(state, samples, counts, h, m):
 
 
 @kernel
-def split_edge(state, samples, counts, h, m):
-    """Put vertex m into the edge of half-edge h."""
+def split_side(state, samples, counts, h, m):
+    """Cut the face of half-edge h, from a to b, at m: h is from a to m now; from m to b: returned.
+
+    The two halves have no opposite half-edges yet.
+    """
     corner, twin, crease, label, first, _, _, _, _ = state
-    g = twin[h]
-    h1, h2 = after_of(h), before_of(h)
+    h1, h2 = following(h), preceding(h)
     b, c = corner[h1], corner[h2]
     n = new_face(state, samples, counts, label[h // 3])
     corner[n], corner[n + 1], corner[n + 2] = m, b, c
     corner[h1] = m
     link(twin, n + 1, twin[h1])
-    crease[n + 1] = crease[h1]
     link(twin, h1, n + 2)
-    crease[h1], crease[n + 2], crease[n] = 0, 0, crease[h]
-    first[b], first[c], first[m] = n + 1, n + 2, h1
-    if g < 0:
-        twin[n] = -1
-        return
-    g1, g2 = after_of(g), before_of(g)
-    a, d = corner[g1], corner[g2]
-    p = new_face(state, samples, counts, label[g // 3])
-    corner[p], corner[p + 1], corner[p + 2] = m, a, d
-    corner[g1] = m
-    link(twin, p + 1, twin[g1])
-    crease[p + 1] = crease[g1]
-    link(twin, g1, p + 2)
-    crease[g1], crease[p + 2], crease[p] = 0, 0, crease[g]
-    link(twin, h, p)
-    link(twin, n, g)
-    first[a], first[d] = p + 1, p + 2
+    crease[n + 1], crease[n] = crease[h1], crease[h]
+    crease[h1], crease[n + 2] = 0, 0
+    first[b], first[c] = n + 1, n + 2
+    twin[h], twin[n] = -1, -1
+    return n
+
+
+@kernel
+def split_edge(state, samples, counts, h, m):
+    """Put vertex m into the edge of half-edge h."""
+    twin, first = state[1], state[4]
+    g = twin[h]
+    n = split_side(state, samples, counts, h, m)
+    first[m] = following(h)
+    if g >= 0:
+        link(twin, h, split_side(state, samples, counts, g, m))
+        link(twin, n, g)
 
 
 @kernel
@@ -195,7 +195,7 @@ def move_corner(state, samples, v, x, figures, ring, fan, star, one, pool, found
 @kernel
 def split_fan(corner, h, g, inside, fan):
     """The triangles around a vertex put into the face or the edge of h; returns their number."""
-    a, b, c = corner[h], corner[after_of(h)], corner[before_of(h)]
+    a, b, c = corner[h], corner[following(h)], corner[preceding(h)]
     put_row(fan, 0, h // 3, b, c)
     put_row(fan, 1, h // 3, c, a)
     if inside:
@@ -203,7 +203,7 @@ def split_fan(corner, h, g, inside, fan):
         return 3
     if g < 0:
         return 2
-    d = corner[before_of(g)]
+    d = corner[preceding(g)]
     put_row(fan, 2, g // 3, a, d)
     put_row(fan, 3, g // 3, d, b)
     return 4
@@ -244,7 +244,7 @@ def sweep_inserts(state, samples, counts, figures, faces, targets, on_curves, po
         g = twin[h]
         if not inside and g >= 0 and touched[g // 3] and g // 3 != f:
             continue
-        a, b = corner[h], corner[after_of(h)]
+        a, b = corner[h], corner[following(h)]
         square = 0.0
         for d in range(3):
             square += (points[a, d] - points[b, d]) ** 2

@@ -10,21 +10,10 @@ import math
 
 from meshes.closest_point_kernels import FAR, closest_on_triangle
 from remesh.compiled import kernel
+from remesh.connectivity import following, preceding
 
 MOST_STAR = 200
 WORSE = 0.999  # of an angle: a change that leaves more is none
-
-
-@kernel
-def after_of(h):
-    """The next half-edge of the same face."""
-    return h - 2 if h % 3 == 2 else h + 1
-
-
-@kernel
-def before_of(h):
-    """The half-edge before it in the same face."""
-    return h + 2 if h % 3 == 0 else h - 1
 
 
 @kernel
@@ -36,7 +25,7 @@ def ring_of(twin, first, v, ring):
     start = first[v]
     h = start
     while twin[h] >= 0:
-        h = after_of(twin[h])
+        h = following(twin[h])
         if h == start:
             break
     start, count = h, 0
@@ -45,7 +34,7 @@ def ring_of(twin, first, v, ring):
             return 0
         ring[count] = h
         count += 1
-        g = twin[before_of(h)]
+        g = twin[preceding(h)]
         if g < 0 or g == start:
             return count
         h = g
@@ -57,12 +46,12 @@ def fill_fan(state, v, ring, count, other, fan, filled):
     corner, _, crease, _, _, _, _, _, _ = state
     for i in range(count):
         h = ring[i]
-        p, q = corner[after_of(h)], corner[before_of(h)]
+        p, q = corner[following(h)], corner[preceding(h)]
         if p == other or q == other:
             continue
         fan[filled, 0], fan[filled, 1], fan[filled, 2] = h // 3, p, q
-        fan[filled, 3], fan[filled, 4] = crease[h], crease[after_of(h)]
-        fan[filled, 5] = crease[before_of(h)]
+        fan[filled, 3], fan[filled, 4] = crease[h], crease[following(h)]
+        fan[filled, 5] = crease[preceding(h)]
         filled += 1
     return filled
 

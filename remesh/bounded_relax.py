@@ -13,12 +13,12 @@ from remesh.bounded_collapse import far_from_original, is_far
 from remesh.bounded_kernels import (
     MOST_STAR,
     WORSE,
-    after_of,
+    agreement_with,
     assign,
-    before_of,
     fill_fan,
     fill_star,
     gather,
+    least_sine,
     measure,
     nearest_curve,
     ring_of,
@@ -27,6 +27,7 @@ from remesh.bounded_kernels import (
 )
 from remesh.bounded_mesh import INSIDE
 from remesh.compiled import allocating, kernel
+from remesh.connectivity import following, preceding
 
 DAMPING = 0.05
 BETTER = 0.98
@@ -169,14 +170,14 @@ def neighbours(twin, corner, first, v, w):
     """Whether an edge joins v and w."""
     h = first[v]
     while twin[h] >= 0:
-        h = after_of(twin[h])
+        h = following(twin[h])
         if h == first[v]:
             break
     start = h
     while True:
-        if corner[after_of(h)] == w or corner[before_of(h)] == w:
+        if corner[following(h)] == w or corner[preceding(h)] == w:
             return True
-        g = twin[before_of(h)]
+        g = twin[preceding(h)]
         if g < 0 or g == start:
             return False
         h = g
@@ -187,10 +188,10 @@ def fill_flipped(state, h, fan):
     """The two triangles that a flip of h would make, (c, d, b) and (d, c, a), as rows of a fan."""
     corner, twin, crease, _, _, _, _, _, _ = state
     g = twin[h]
-    fan[0, 0], fan[0, 1], fan[0, 2] = h // 3, corner[before_of(g)], corner[g]
-    fan[0, 3], fan[0, 4], fan[0, 5] = 0, crease[before_of(g)], crease[after_of(h)]
-    fan[1, 0], fan[1, 1], fan[1, 2] = g // 3, corner[before_of(h)], corner[h]
-    fan[1, 3], fan[1, 4], fan[1, 5] = 0, crease[before_of(h)], crease[after_of(g)]
+    fan[0, 0], fan[0, 1], fan[0, 2] = h // 3, corner[preceding(g)], corner[g]
+    fan[0, 3], fan[0, 4], fan[0, 5] = 0, crease[preceding(g)], crease[following(h)]
+    fan[1, 0], fan[1, 1], fan[1, 2] = g // 3, corner[preceding(h)], corner[h]
+    fan[1, 3], fan[1, 4], fan[1, 5] = 0, crease[preceding(h)], crease[following(g)]
 
 
 @kernel
@@ -213,8 +214,8 @@ def flip(state, h):
     corner, twin, crease, _, first, _, _, _, _ = state
     g = twin[h]
     a, b = corner[h], corner[g]
-    c, d = corner[before_of(h)], corner[before_of(g)]
-    h1, h2, g1, g2 = after_of(h), before_of(h), after_of(g), before_of(g)
+    c, d = corner[preceding(h)], corner[preceding(g)]
+    h1, h2, g1, g2 = following(h), preceding(h), following(g), preceding(g)
     # faces: h: a b c, h1: b c, h2: c a;  g: b a, g1: a d, g2: d b
     t_h1, t_h2, t_g1, t_g2 = twin[h1], twin[h2], twin[g1], twin[g2]
     m_h1, m_h2, m_g1, m_g2 = crease[h1], crease[h2], crease[g1], crease[g2]
@@ -249,7 +250,7 @@ def sweep_flips(state, samples, counts, figures, reference, pool, found):
         if corner[h] < 0 or g < h or crease[h] == 1:
             continue
         a, b = corner[h], corner[g]
-        c, d = corner[before_of(h)], corner[before_of(g)]
+        c, d = corner[preceding(h)], corner[preceding(g)]
         if c == d or neighbours(twin, corner, first, c, d):
             continue
         filled = gather(samples[0], samples[1], h // 3, pool, 0)
@@ -292,22 +293,9 @@ def quad_shape(normals, star, a, b, c, d):
     """Least height over edge and least agreement of two triangles (a, b, c) and (b, a, d)."""
     sine, agree = FAR, FAR
     for i in range(2):
-        uu = star[i, 3] ** 2 + star[i, 4] ** 2 + star[i, 5] ** 2
-        vv = star[i, 6] ** 2 + star[i, 7] ** 2 + star[i, 8] ** 2
-        ww = (
-            (star[i, 3] - star[i, 6]) ** 2
-            + (star[i, 4] - star[i, 7]) ** 2
-            + (star[i, 5] - star[i, 8]) ** 2
-        )
-        longest = max(uu, max(vv, ww))
-        area = math.sqrt(star[i, 9] ** 2 + star[i, 10] ** 2 + star[i, 11] ** 2)
-        sine = min(sine, area / longest if longest > 0.0 else 0.0)
+        sine = min(sine, least_sine(star, i)[0])
         for v in (a, b, c if i == 0 else d):
-            mm = math.sqrt(normals[v, 0] ** 2 + normals[v, 1] ** 2 + normals[v, 2] ** 2)
-            dot = 0.0
-            for k in range(3):
-                dot += star[i, 9 + k] * normals[v, k]
-            agree = min(agree, dot / (area * mm) if area > 0.0 and mm > 0.0 else -1.0)
+            agree = min(agree, agreement_with(normals, v, star, i))
     return sine, agree
 
 
