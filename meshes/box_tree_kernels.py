@@ -5,6 +5,7 @@ triangles in the order of the leaves; node i owns order[begin[i]:end[i]]. `boxes
 lower and upper corners. Checked node by node in tests.meshes.test_closest_point.
 """
 
+import numpy as np
 from numba import njit
 
 kernel = njit(cache=True, nogil=True, error_model="numpy")
@@ -74,3 +75,43 @@ def fill_boxes(face_boxes, order, begin, end, leaves, boxes):
                 for k in range(3):
                     boxes[node, k] = min(boxes[node, k], boxes[child, k])
                     boxes[node, k + 3] = max(boxes[node, k + 3], boxes[child, k + 3])
+
+
+@kernel
+def mark_touching(boxes, tree, marks):
+    """Mark (m,), in the tree's order, the triangles whose own box touches one of boxes (k, 6)."""
+    nodes, begin, end, triangles, leaves = tree
+    waiting = np.empty(64, np.int32)
+    for i in range(boxes.shape[0]):
+        waiting[0], depth = 0, 1
+        while depth:
+            depth -= 1
+            node = waiting[depth]
+            if not touches(boxes[i], nodes[node]):
+                continue
+            if node < leaves - 1:
+                waiting[depth], waiting[depth + 1] = 2 * node + 1, 2 * node + 2
+                depth += 2
+                continue
+            for t in range(begin[node], end[node]):
+                if not marks[t]:
+                    marks[t] = touches_triangle(boxes[i], triangles[t])
+
+
+@kernel
+def touches(one, other):
+    """Whether two boxes (6,) have a point in common."""
+    apart = False
+    for k in range(3):
+        apart |= one[k] > other[k + 3] or other[k] > one[k + 3]
+    return not apart
+
+
+@kernel
+def touches_triangle(box, triangle):
+    """Whether a box (6,) touches that of a triangle (corner and two edges from it, as (9+,))."""
+    for k in range(3):
+        a, u, v = triangle[k], triangle[3 + k], triangle[6 + k]
+        if box[k] > a + max(u, v, 0.0) or a + min(u, v, 0.0) > box[k + 3]:
+            return False
+    return True

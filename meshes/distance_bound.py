@@ -34,7 +34,7 @@ class FaceBounds:
     place: np.ndarray
 
 
-def face_bounds(mesh, search, limit=np.inf, floor=0.0, angle=90.0):
+def face_bounds(mesh, search, limit=np.inf, floor=0.0, angle=90.0, chosen=None):
     """Bound the distance of every face of a mesh from another surface.
 
     Parameters
@@ -48,10 +48,13 @@ def face_bounds(mesh, search, limit=np.inf, floor=0.0, angle=90.0):
         Upper bounds below need not be sharp.
     angle : float [degrees]
         Normals that differ by less are similar enough: bounds below need not be sharp.
+    chosen : (k,) int array, optional
+        Faces to bound; all if not given.
 
     Returns
     -------
     FaceBounds
+        Of the chosen faces.
 
     Notes
     -----
@@ -59,8 +62,9 @@ def face_bounds(mesh, search, limit=np.inf, floor=0.0, angle=90.0):
     rounding; upper and lower bound differ by 1 % where `upper` exceeds `floor`, unless a face
     would have to be cut into thousands of pieces.
     """
-    corners = np.ascontiguousarray(mesh.points[mesh.faces].reshape(-1, 9))
-    normals = np.ascontiguousarray(face_normals(mesh.points, mesh.faces))
+    faces = mesh.faces if chosen is None else mesh.faces[chosen]
+    corners = np.ascontiguousarray(mesh.points[faces].reshape(-1, 9))
+    normals = np.ascontiguousarray(face_normals(mesh.points, faces))
     found, _, _ = search.query(corners.reshape(-1, 3, 3).mean(axis=1))
     hints = search.position[found].astype(np.int64)
     limits = (float(floor), float(min(limit, 1e150)), float(np.cos(np.radians(angle))))

@@ -25,9 +25,10 @@ kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract",
 ENOUGH = 1.01  # upper over lower bound
 LEAST_CUT = 0.02  # of a piece's radius: less is not cut off
 SMALLEST = 0.5  # of the limit: smaller pieces are not cut for the sake of the normals
-MOST_WAITING = 64
+MOST_WAITING = 128
+CUTS_WAITING = 48  # more pieces that wait: halves alone, which get small for certain
 MOST_FOR_NORMALS = 200  # pieces of one triangle
-MOST_PIECES = 4000  # of one triangle; after that bounds are left as loose as they are
+MOST_PIECES = 200_000  # of one triangle; after that bounds are left as loose as they are
 
 
 @kernel
@@ -249,7 +250,9 @@ def bound_faces(
                     upper, cosine = max(upper, bound), min(cosine, here)
                     continue
                 depth = halve(piece, pieces, depth)
-            elif best_plane(piece, tree[3][t], LEAST_CUT * radius, sides, best_sides):
+            elif depth < CUTS_WAITING and best_plane(
+                piece, tree[3][t], LEAST_CUT * radius, sides, best_sides
+            ):
                 depth = cut_by_plane(piece, best_sides, pieces, depth)
             else:
                 depth = halve(piece, pieces, depth)

@@ -16,11 +16,12 @@ import numpy as np
 
 from meshes import TriMesh
 from meshes.closest_point import ClosestPoint
-from meshes.distance_bound import distance_bounds, face_bounds
+from meshes.distance_bound import distance_bounds
 from meshes.self_intersection import self_intersecting_faces
 from remesh.bounded_collapse import collapse_within
 from remesh.bounded_insert import insert_points
 from remesh.bounded_mesh import FIXED, BoundedMesh
+from remesh.bounded_proof import BoundProof
 from remesh.bounded_relax import relax_within
 from remesh.dense import dense_triangulation
 from remesh.finish import on_plane
@@ -30,7 +31,8 @@ from remesh.triangle_surface import TriangleSurface
 SAFETY = 0.97  # share of the bound that samples may use
 DENSE_SHARE = 0.08  # of the bound: how far the triangulation of an interpolant may lie off
 RELAXATIONS = 2
-MOST_INSERTIONS = 10
+MOST_INSERTIONS = 20
+RINGS = 2  # around missed faces, whose vertices move
 FIRST_INSERTION = 2  # before, vertices and edges are moved alone
 SIMILAR = 30.0  # degrees: bounds of normals below need not be sharp
 ATTEMPTS = 4
@@ -188,16 +190,15 @@ def simplify_within(mesh, limits, fix_boundary=False, corner_angle=45.0, progres
         if not near.any():
             break
         share[near] *= LESS
-    sharp = max(bounds.upper.max() for bounds in distance_bounds(result, mesh))
-    distance = min(proved, sharp)
-    of_result, of_mesh = normal_bounds(work.search, mesh, result, max(limits.error, distance))
+    of_result, of_mesh = distance_bounds(result, mesh, max(limits.error, proved), SIMILAR)
+    distance = min(proved, max(of_result.upper.max(), of_mesh.upper.max()))
     return BoundedResult(
         result,
         float(distance),
-        float(max(of_mesh.max(), of_result.max())),
+        float(max(of_mesh.angle.max(), of_result.angle.max())),
         inserted,
         int(crossing.sum()),
-        int((of_result > INVERTED).sum()),
+        int((of_result.angle > INVERTED).sum()),
     )
 
 
@@ -236,63 +237,20 @@ def make_sure(work, limits):
     proved : float
         The distance that is proved.
     """
-    total = 0
+    total, proof = 0, BoundProof(work, limits)
     for turn in range(MOST_INSERTIONS + 1):
-        mesh, alive = work.to_mesh()
-        faces, targets, proved = too_far(work, mesh, limits)
-        missed = np.unique(alive[faces])
+        proof.renew()
+        faces, targets = proof.missed()
         if len(faces) == 0 or turn == MOST_INSERTIONS:
             break
-        work.add_samples(alive[faces], targets)
+        work.add_samples(faces, targets)
         if turn >= FIRST_INSERTION:
             total += insert_points(
-                work, alive[faces], targets, on_feature_edges(work.source, targets), limits
+                work, faces, targets, on_feature_edges(work.source, targets), limits
             )
-        relax_within(work, limits, 1)
+        relax_within(work, limits, 1, work.vertices_around(faces, RINGS))
         flatten(work)
-    return total, missed, proved
-
-
-def too_far(work, mesh, limits):
-    """Faces (k,) of the mesh that miss the original, points (k, 3) missed, and the proved distance.
-
-    The worst come first.
-    """
-    original, search = work.source, ClosestPoint(mesh.points, mesh.faces)
-    angle = limits.normal_angle
-    faces, targets, badness, proved = [], [], [], 0.0
-    for here, there in ((mesh, work.search), (original, search)):
-        bounds = face_bounds(here, there, limits.error, limits.error, angle)
-        proved = max(proved, bounds.upper.max())
-        bad = bounds.upper > limits.error
-        bad |= bounds.angle > angle + 1e-9
-        bad = np.flatnonzero(bad)
-        if len(bad) == 0:
-            continue
-        place = bounds.place[bad]
-        if here is mesh:
-            found, weights, _ = there.query(place)
-            corners = original.points[original.faces[found]]
-            targets.append(np.einsum("nk,nkd->nd", weights, corners))
-            faces.append(bad)
-        else:
-            targets.append(place)
-            faces.append(search.query(place)[0].astype(np.int64))
-        badness.append(bounds.upper[bad])
-    if not faces:
-        return np.zeros(0, np.int64), np.zeros((0, 3)), proved
-    order = np.argsort(-np.concatenate(badness), kind="stable")
-    targets = np.ascontiguousarray(np.concatenate(targets)[order])
-    return np.concatenate(faces)[order], targets, proved
-
-
-def normal_bounds(search, mesh, result, error):
-    """Angles [degrees] within which every face of both surfaces has a normal of the other."""
-    other = ClosestPoint(result.points, result.faces)
-    return (
-        face_bounds(result, search, error, error, SIMILAR).angle,
-        face_bounds(mesh, other, error, error, SIMILAR).angle,
-    )
+    return total, np.unique(faces), proof.proved
 
 
 def on_feature_edges(mesh, points):

@@ -116,6 +116,17 @@ class BoundedMesh:
         """Number of vertices in use."""
         return int((self.state[4][: self.counts[0]] >= 0).sum())
 
+    def vertices_around(self, faces, rings):
+        """Vertices (n,) bool of some faces, and of as many rings around them."""
+        corners = self.state[0][: 3 * self.counts[1]].reshape(-1, 3)
+        alive = corners[corners[:, 0] >= 0]
+        chosen = np.zeros(len(self.state[4]), bool)
+        near = corners[faces]
+        chosen[near[near[:, 0] >= 0]] = True
+        for _ in range(rings):
+            chosen[alive[chosen[alive].any(axis=1)]] = True
+        return chosen
+
     def to_mesh(self):
         """The surface as TriMesh, and the number of each of its faces here."""
         corner, _, crease, label, first, _, points, _, _ = self.state

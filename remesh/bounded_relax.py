@@ -34,8 +34,14 @@ BETTER = 0.98
 BASE_WEIGHT = 0.05
 
 
-def relax_within(work, limits, rounds=2):
-    """Move vertices and flip edges; return how many moves and flips were made."""
+def relax_within(work, limits, rounds=2, chosen=None):
+    """Move vertices and flip edges; return how many moves and flips were made.
+
+    chosen : (n,) bool array, optional
+        Vertices that may move, and whose edges may flip; all if not given.
+    """
+    if chosen is None:
+        chosen = np.ones(len(work.state[4]), bool)
     figures = limits.figures()
     room = len(work.samples[2])
     pool, found = np.empty(room, np.int64), np.empty(room, np.int64)
@@ -43,7 +49,9 @@ def relax_within(work, limits, rounds=2):
     reference = (work.search.tree, work.search.neighbours)
     for _ in range(rounds):
         for sweep in (sweep_flips, sweep_moves):
-            total += sweep(work.state, work.samples, work.counts, figures, reference, pool, found)
+            total += sweep(
+                work.state, work.samples, work.counts, figures, reference, chosen, pool, found
+            )
     return total
 
 
@@ -105,7 +113,7 @@ def best_move(samples, star, pool, filled, found, limit2, step, room):
 
 
 @allocating
-def sweep_moves(state, samples, counts, figures, reference, pool, found):
+def sweep_moves(state, samples, counts, figures, reference, chosen, pool, found):
     """One pass over the vertices inside of patches; returns how many moved."""
     _corner, twin, _, _, first, kind, points, normals, _ = state
     limit2, least_shape, least_agreement, cosine, _, _, _, _ = figures
@@ -117,7 +125,7 @@ def sweep_moves(state, samples, counts, figures, reference, pool, found):
     nodes, squares = np.empty(STACK, np.int32), np.empty(STACK)
     moved = 0
     for v in range(counts[0]):
-        if first[v] < 0 or kind[v] != INSIDE:
+        if not chosen[v] or first[v] < 0 or kind[v] != INSIDE:
             continue
         count = ring_of(twin, first, v, ring)
         if count == 0:
@@ -237,12 +245,24 @@ def flip(state, h):
     return h // 3, g // 3
 
 
+@kernel
+def looks_down(star, up):
+    """Whether one of two triangles turns away from the direction up (3,): their quad is not convex.
+
+    Normals of vertices on creases cannot tell: they are means over patches.
+    """
+    for i in range(2):
+        if star[i, 9] * up[0] + star[i, 10] * up[1] + star[i, 11] * up[2] <= 0.0:
+            return True
+    return False
+
+
 @allocating
-def sweep_flips(state, samples, counts, figures, reference, pool, found):
+def sweep_flips(state, samples, counts, figures, reference, chosen, pool, found):
     """One pass over the edges inside of patches; returns how many were flipped."""
     corner, twin, crease, _, first, _, points, normals, _ = state
     limit2, least_shape, least_agreement, cosine, longest2, longest6, sigma2, _ = figures
-    fan, star = np.zeros((2, 6), np.int64), np.empty((2, 12))
+    fan, star, up = np.zeros((2, 6), np.int64), np.empty((2, 12)), np.empty(3)
     nodes, squares = np.empty(STACK, np.int32), np.empty(STACK)
     flipped = 0
     for h in range(3 * counts[1]):
@@ -251,6 +271,8 @@ def sweep_flips(state, samples, counts, figures, reference, pool, found):
             continue
         a, b = corner[h], corner[g]
         c, d = corner[preceding(h)], corner[preceding(g)]
+        if not (chosen[a] or chosen[b] or chosen[c] or chosen[d]):
+            continue
         if c == d or neighbours(twin, corner, first, c, d):
             continue
         filled = gather(samples[0], samples[1], h // 3, pool, 0)
@@ -261,13 +283,15 @@ def sweep_flips(state, samples, counts, figures, reference, pool, found):
         fill_triangle(points, b, a, d, star, 1)
         fill_flipped(state, h, fan)
         old_sine, old_agree = quad_shape(normals, star, a, b, c, d)
+        for k in range(3):
+            up[k] = star[0, 9 + k] + star[1, 9 + k]
         before = quad_measure(points, samples, fan, star, pool, filled, limit2, cosine, found)
         fill_triangle(points, c, d, b, star, 0)
         fill_triangle(points, d, c, a, star, 1)
         sine, agree = quad_shape(normals, star, c, d, b, a)
         if sine < min(least_shape, WORSE * old_sine) or sine <= 0.0:
             continue
-        if agree < min(least_agreement, WORSE * old_agree):
+        if agree < min(least_agreement, WORSE * old_agree) or looks_down(star, up):
             continue
         length = star[0, 3] ** 2 + star[0, 4] ** 2 + star[0, 5] ** 2
         if length > longest2 or length + sigma2 * turn_between(normals, c, normals, d) > longest6:

@@ -1,0 +1,136 @@
+"""The proof that two surfaces keep within a bound, renewed only where one of them changed."""
+
+import numpy as np
+
+from meshes.box_tree_kernels import mark_touching
+from meshes.closest_point import ClosestPoint
+from meshes.distance_bound import face_bounds
+
+SLACK = 1e-9  # degrees
+
+
+class HeldBounds:
+    """Bounds of a surface's faces by their numbers; infinite where there is none yet.
+
+    Attributes
+    ----------
+    upper : (m,) float array
+    angle : (m,) float array [degrees]
+    place : (m, 3) float array
+        As of `meshes.distance_bound.FaceBounds`.
+    """
+
+    def __init__(self, count):
+        self.upper = np.full(count, np.inf)
+        self.angle = np.full(count, np.inf)
+        self.place = np.zeros((count, 3))
+
+    def reserve(self, count):
+        """Make room for faces up to a number."""
+        more = count - len(self.upper)
+        if more > 0:
+            self.upper = np.append(self.upper, np.full(more, np.inf))
+            self.angle = np.append(self.angle, np.full(more, np.inf))
+            self.place = np.append(self.place, np.zeros((more, 3)), axis=0)
+
+    def put(self, numbers, bounds):
+        """Take over the bounds (FaceBounds) of some faces (k,)."""
+        self.upper[numbers] = bounds.upper
+        self.angle[numbers] = bounds.angle
+        self.place[numbers] = bounds.place
+
+    def missing(self, limits):
+        """Faces (m,) bool that are not within the limits' error and angle."""
+        return (self.upper > limits.error) | (self.angle > limits.normal_angle + SLACK)
+
+
+class BoundProof:
+    """Bounds for all faces of the work mesh and of its original.
+
+    A face of the work mesh is compared again when a corner of it moved. A face of the original was
+    proved to be near faces of the work mesh: it is compared again when one of those that are gone
+    lay within the bound of it, or when the proof had failed.
+
+    Parameters
+    ----------
+    work : BoundedMesh
+    limits : BoundLimits
+    """
+
+    def __init__(self, work, limits):
+        self.work, self.limits = work, limits
+        self.source = HeldBounds(len(work.source.faces))
+        self.faces = HeldBounds(0)
+        self.corners = np.zeros((0, 9))  # of the work mesh's faces, when they were compared
+        self.compared = 0  # faces, in all
+
+    def renew(self):
+        """Compare what changed; returns the work mesh as TriMesh, and its faces' numbers there."""
+        work, limits = self.work, self.limits
+        mesh, alive = work.to_mesh()
+        fresh, gone = self._note_changes(mesh, alive)
+        self.search = ClosestPoint(mesh.points, mesh.faces)
+        stale = self.source.missing(limits)
+        if len(gone):
+            stale |= self._touched(gone)
+        stale = np.flatnonzero(stale)
+        options = (limits.error, limits.error, limits.normal_angle)
+        self.faces.put(alive[fresh], face_bounds(mesh, work.search, *options, chosen=fresh))
+        self.source.put(stale, face_bounds(work.source, self.search, *options, chosen=stale))
+        self.compared += len(fresh) + len(stale)
+        self.mesh, self.alive = mesh, alive
+        return mesh, alive
+
+    def _note_changes(self, mesh, alive):
+        """Faces (k,) of the mesh that are new, and old corners (j, 9) of those that are gone."""
+        count = int(self.work.counts[1])
+        more = count - len(self.corners)
+        self.corners = np.append(self.corners, np.full((more, 9), np.nan), axis=0)
+        self.faces.reserve(count)
+        now = np.full((count, 9), np.nan)
+        now[alive] = mesh.points[mesh.faces].reshape(-1, 9)
+        same = (now == self.corners).all(axis=1)
+        gone = self.corners[~same & np.isfinite(self.corners[:, 0])]
+        self.corners = now
+        ended = ~same & np.isnan(now[:, 0])
+        self.faces.upper[ended] = self.faces.angle[ended] = -np.inf
+        return np.flatnonzero(~same[alive]), gone
+
+    def _touched(self, gone):
+        """Faces (m,) bool of the original that may have been proved by triangles (j, 9)."""
+        search = self.work.search
+        corners = gone.reshape(-1, 3, 3)
+        reach = self.limits.error
+        boxes = np.concatenate([corners.min(axis=1) - reach, corners.max(axis=1) + reach], axis=1)
+        marks = np.zeros(len(self.source.upper), bool)
+        mark_touching(boxes, search.tree, marks)
+        result = np.empty_like(marks)
+        result[search.order] = marks
+        return result
+
+    @property
+    def proved(self):
+        """No point of either surface is farther from the other."""
+        return float(max(self.source.upper.max(), self.faces.upper.max()))
+
+    def missed(self):
+        """Where the bounds are not proved, the worst first.
+
+        Returns
+        -------
+        faces : (k,) int array
+            Faces of the work mesh.
+        targets : (k, 3) float array
+            Points of the original near them.
+        """
+        original, search = self.work.source, self.work.search
+        bad = np.flatnonzero(self.faces.missing(self.limits))
+        found, weights, _ = search.query(self.faces.place[bad])
+        targets = np.einsum("nk,nkd->nd", weights, original.points[original.faces[found]])
+        far = np.flatnonzero(self.source.missing(self.limits))
+        near = self.search.query(self.source.place[far])[0]
+        faces = np.concatenate([bad, self.alive[near]])
+        targets = np.concatenate([targets, self.source.place[far]])
+        badness = np.concatenate([self.faces.upper[bad], self.source.upper[far]])
+        order = np.argsort(-badness, kind="stable")
+        return faces[order], np.ascontiguousarray(targets[order])
