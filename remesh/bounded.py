@@ -16,7 +16,7 @@ import numpy as np
 
 from meshes import TriMesh
 from meshes.closest_point import ClosestPoint
-from meshes.distance_bound import distance_bounds
+from meshes.distance_bound import face_bounds
 from meshes.self_intersection import self_intersecting_faces
 from remesh.bounded_collapse import collapse_within
 from remesh.bounded_insert import insert_points
@@ -32,8 +32,10 @@ SAFETY = 0.97  # share of the bound that samples may use
 DENSE_SHARE = 0.08  # of the bound: how far the triangulation of an interpolant may lie off
 RELAXATIONS = 2
 MOST_INSERTIONS = 20
-RINGS = 2  # around missed faces, whose vertices move
+RINGS = 1  # around missed faces, whose vertices move
 FIRST_INSERTION = 2  # before, vertices and edges are moved alone
+MOST_STUCK = 4  # turns that leave as many faces
+LAST_MOVES = 9  # after, nothing moves any more
 SIMILAR = 30.0  # degrees: bounds of normals below need not be sharp
 ATTEMPTS = 4
 STRICTER = 0.8  # angle between normals that samples may have, where it did not hold
@@ -190,11 +192,13 @@ def simplify_within(mesh, limits, fix_boundary=False, corner_angle=45.0, progres
         if not near.any():
             break
         share[near] *= LESS
-    of_result, of_mesh = distance_bounds(result, mesh, max(limits.error, proved), SIMILAR)
-    distance = min(proved, max(of_result.upper.max(), of_mesh.upper.max()))
+    limit = max(limits.error, proved)
+    other = ClosestPoint(result.points, result.faces)
+    of_result = face_bounds(result, work.search, limit, limit, SIMILAR)
+    of_mesh = face_bounds(mesh, other, limit, limit, SIMILAR)
     return BoundedResult(
         result,
-        float(distance),
+        float(max(of_result.upper.max(), of_mesh.upper.max())),
         float(max(of_mesh.angle.max(), of_result.angle.max())),
         inserted,
         int(crossing.sum()),
@@ -237,18 +241,20 @@ def make_sure(work, limits):
     proved : float
         The distance that is proved.
     """
-    total, proof = 0, BoundProof(work, limits)
+    total, proof, before, stuck = 0, BoundProof(work, limits), 0, 0
     for turn in range(MOST_INSERTIONS + 1):
         proof.renew()
-        faces, targets = proof.missed()
-        if len(faces) == 0 or turn == MOST_INSERTIONS:
+        faces, places, targets = proof.missed()
+        stuck = stuck + 1 if len(faces) == before else 0
+        before = len(faces)
+        if before == 0 or turn == MOST_INSERTIONS or stuck == MOST_STUCK:
             break
         work.add_samples(faces, targets)
         if turn >= FIRST_INSERTION:
-            total += insert_points(
-                work, faces, targets, on_feature_edges(work.source, targets), limits
-            )
-        relax_within(work, limits, 1, work.vertices_around(faces, RINGS))
+            curves = on_feature_edges(work.source, targets)
+            total += insert_points(work, faces, places, targets, curves, limits, turn < LAST_MOVES)
+        if turn < LAST_MOVES:
+            relax_within(work, limits, 1, work.vertices_around(faces, RINGS))
         flatten(work)
     return total, np.unique(faces), proof.proved
 

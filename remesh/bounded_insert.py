@@ -22,9 +22,10 @@ from remesh.connectivity import following, preceding
 MIDDLE = 0.12  # barycentric coordinate above which a point lies inside, not near an edge
 LEAST_SHAPE = 0.01  # height over longest edge, of the triangles that a point makes
 LEAST_AGREEMENT = 0.0
+LEAST_HALVED = 36.0  # of the squared bound: an edge cut in its middle
 
 
-def insert_points(work, faces, targets, on_curves, limits):
+def insert_points(work, faces, places, targets, on_curves, limits, may_move=True):
     """Put points into faces or their edges; return how many.
 
     Parameters
@@ -32,17 +33,21 @@ def insert_points(work, faces, targets, on_curves, limits):
     work : BoundedMesh
     faces : (k,) int array
         Faces of the work mesh; of two for one face the first counts.
+    places : (k, 3) float array
+        Where in the faces.
     targets : (k, 3) float array
-        Points of the original near the faces.
+        Points of the original that the surface is to go through there.
     on_curves : (k, 3) float array
         Points of its feature edges, for where such an edge has to be split.
     limits : BoundLimits
+    may_move : bool
+        Whether corners near the places may move there instead.
     """
     work.reserve(len(faces))
     room = len(work.samples[2])
     return sweep_inserts(
-        work.state, work.samples, work.counts, limits.figures(), faces, targets, on_curves,
-        np.empty(room, np.int64), np.empty(room, np.int64),
+        work.state, work.samples, work.counts, limits.figures(), faces, places, targets,
+        on_curves, may_move, np.empty(room, np.int64), np.empty(room, np.int64),
     )  # fmt: skip
 
 
@@ -121,8 +126,8 @@ def split_edge(state, samples, counts, h, m):
 
 
 @kernel
-def closest_corner_weights(points, a, b, c, target, triangle):
-    """Weights of the corners of the point of triangle (a, b, c) closest to the target."""
+def closest_corner_weights(points, a, b, c, place, triangle):
+    """Weights of the corners of the point of triangle (a, b, c) closest to a place."""
     for d in range(3):
         triangle[d] = points[a, d]
         triangle[3 + d] = points[b, d] - points[a, d]
@@ -130,7 +135,7 @@ def closest_corner_weights(points, a, b, c, target, triangle):
     triangle[9] = triangle[4] * triangle[8] - triangle[5] * triangle[7]
     triangle[10] = triangle[5] * triangle[6] - triangle[3] * triangle[8]
     triangle[11] = triangle[3] * triangle[7] - triangle[4] * triangle[6]
-    v, w, _ = closest_on_triangle(target[0], target[1], target[2], triangle, FAR)
+    v, w, _ = closest_on_triangle(place[0], place[1], place[2], triangle, FAR)
     return 1.0 - v - w, v, w
 
 
@@ -209,69 +214,119 @@ def split_fan(corner, h, g, inside, fan):
     return 4
 
 
-@allocating
-def sweep_inserts(state, samples, counts, figures, faces, targets, on_curves, pool, found):
-    """Split faces or edges at points, or move corners there; returns the number of splits."""
+@kernel
+def choose_split(points, corner, f, weights, attempt, shortest2, x, target):
+    """Where to split face f: (half-edge, whether inside of the face); fills x (3,).
+
+    The half-edge is -1 if nowhere.
+
+    First at the target, inside of the face or at the edge next to it; then at that edge in any
+    case; last in the middle of the longest edge, if it is not too short.
+    """
+    low, longest, most = 0, 0, -1.0
+    for k in range(3):
+        low = k if weights[k] < weights[low] else low
+        a, b = corner[3 * f + k], corner[3 * f + (k + 1) % 3]
+        square = 0.0
+        for d in range(3):
+            square += (points[a, d] - points[b, d]) ** 2
+        if square > most:
+            longest, most = k, square
+    for d in range(3):
+        x[d] = target[d]
+    if attempt == 0 and weights[low] > MIDDLE:
+        return 3 * f, True
+    if attempt < 2:
+        return 3 * f + (low + 1) % 3, False  # the edge opposite to that corner
+    if most < shortest2:
+        return -1, False
+    a, b = corner[3 * f + longest], corner[3 * f + (longest + 1) % 3]
+    for d in range(3):
+        x[d] = 0.5 * (points[a, d] + points[b, d])
+    return 3 * f + longest, False
+
+
+@kernel
+def split_at(state, samples, counts, h, inside, x, figures, room):
+    """Split the face or the edge of half-edge h at x, if that leaves good triangles.
+
+    Returns whether it did. room : (fan, star, ring, one, normal, pool, found)
+    """
     corner, twin, crease, _, first, _, points, normals, _ = state
+    fan, star, ring, one, normal, pool, found = room
+    g = -1 if inside else twin[h]
+    a, b = corner[h], corner[following(h)]
+    square = 0.0
+    for d in range(3):
+        square += (points[a, d] - points[b, d]) ** 2
+    if square < 4.0 * figures[7]:
+        return False
+    mean_normal(normals, a, b, normal)
+    count = split_fan(corner, h, g, inside, fan)
+    if not fits(state, fan, star, count, normal, x, figures, one):
+        return False
+    filled = gather(samples[0], samples[1], h // 3, pool, 0)
+    if g >= 0:
+        filled = gather(samples[0], samples[1], g // 3, pool, filled)
+    curved = not inside and crease[h] == 1
+    m = put_vertex(state, counts, ON_CURVE if curved else INSIDE, normal, x)
+    if inside:
+        split_face(state, samples, counts, h, m)
+    else:
+        split_edge(state, samples, counts, h, m)
+    count = fill_fan(state, m, ring, ring_of(twin, first, m, ring), -1, fan, 0)
+    fill_star(points, fan, count, x, star)
+    measure(state, samples, fan, star, count, x, pool, filled, FAR, -1.0, found)
+    assign(samples, fan, count, pool, filled, found)
+    return True
+
+
+@allocating
+def sweep_inserts(
+    state, samples, counts, figures, faces, places, targets, on_curves, may_move, pool, found
+):
+    """Split faces or edges at points, or move corners there; returns the number of splits."""
+    corner, twin, crease, _, first, _, points, _, _ = state
     fan, star = np.empty((MOST_STAR, 6), np.int64), np.empty((MOST_STAR, 12))
     ring, one, triangle = np.empty(MOST_STAR, np.int64), np.empty((1, 3)), np.empty(12)
-    x, normal = np.empty(3), np.empty(3)
+    x, halved2 = np.empty(3), LEAST_HALVED * figures[0]
+    room = (fan, star, ring, one, np.empty(3), pool, found)
     touched = np.zeros(samples[0].size, np.bool_)
     done = 0
     for i in range(faces.size):
         f = faces[i]
         if touched[f] or corner[3 * f] < 0:
             continue
-        h = 3 * f
         weights = closest_corner_weights(
-            points, corner[h], corner[h + 1], corner[h + 2], targets[i], triangle
+            points, corner[3 * f], corner[3 * f + 1], corner[3 * f + 2], places[i], triangle
         )
-        low, high = 0, 0
+        high = 0
         for k in range(1, 3):
-            low = k if weights[k] < weights[low] else low
             high = k if weights[k] > weights[high] else high
-        touched[f] = True
+        begin = 0
         if weights[high] > 1.0 - MIDDLE:
-            v = corner[h + high]
-            count = fill_fan(state, v, ring, ring_of(twin, first, v, ring), -1, fan, 0)
-            for j in range(count):
-                touched[fan[j, 0]] = True
-            move_corner(state, samples, v, targets[i], figures, ring, fan, star, one, pool, found)
-            continue
-        inside = weights[low] > MIDDLE
-        if not inside:
-            h = 3 * f + (low + 1) % 3  # the edge opposite to that corner
-        g = twin[h]
-        if not inside and g >= 0 and touched[g // 3] and g // 3 != f:
-            continue
-        a, b = corner[h], corner[following(h)]
-        square = 0.0
-        for d in range(3):
-            square += (points[a, d] - points[b, d]) ** 2
-        if square < 4.0 * figures[7]:
-            continue
-        curved = not inside and crease[h] == 1
-        for d in range(3):
-            x[d] = on_curves[i, d] if curved else targets[i, d]
-        mean_normal(normals, a, b, normal)
-        count = split_fan(corner, h, g, inside, fan)
-        if not fits(state, fan, star, count, normal, x, figures, one):
-            for d in range(3):
-                x[d] = 0.5 * (points[a, d] + points[b, d])
-            if inside or curved or not fits(state, fan, star, count, normal, x, figures, one):
+            v, begin = corner[3 * f + high], 2
+            if may_move and move_corner(
+                state, samples, v, targets[i], figures, ring, fan, star, one, pool, found
+            ):
+                count = fill_fan(state, v, ring, ring_of(twin, first, v, ring), -1, fan, 0)
+                for j in range(count):
+                    touched[fan[j, 0]] = True
                 continue
-        filled = gather(samples[0], samples[1], f, pool, 0)
-        if not inside and g >= 0:
-            touched[g // 3] = True
-            filled = gather(samples[0], samples[1], g // 3, pool, filled)
-        m = put_vertex(state, counts, ON_CURVE if curved else INSIDE, normal, x)
-        if inside:
-            split_face(state, samples, counts, h, m)
-        else:
-            split_edge(state, samples, counts, h, m)
-        count = fill_fan(state, m, ring, ring_of(twin, first, m, ring), -1, fan, 0)
-        fill_star(points, fan, count, x, star)
-        measure(state, samples, fan, star, count, x, pool, filled, FAR, -1.0, found)
-        assign(samples, fan, count, pool, filled, found)
-        done += 1
+        for attempt in range(begin, 3):
+            h, inside = choose_split(points, corner, f, weights, attempt, halved2, x, targets[i])
+            if h < 0:
+                continue
+            g = twin[h]
+            if not inside and g >= 0 and touched[g // 3]:
+                continue
+            if not inside and crease[h] == 1:
+                for d in range(3):
+                    x[d] = on_curves[i, d]
+            if split_at(state, samples, counts, h, inside, x, figures, room):
+                touched[f] = True
+                if not inside and g >= 0:
+                    touched[g // 3] = True
+                done += 1
+                break
     return done

@@ -14,7 +14,7 @@ from meshes.topology import edge_table, feature_corners, feature_mask
 INSIDE, ON_CURVE, FIXED = 0, 1, 2
 CREASE_WEIGHT = 1.0  # of the planes that hold feature edges, per squared length
 PLANAR_WEIGHT = 1e3  # of planar labels, which must stay planar
-SPACING = 0.5  # mean edges between samples within an edge
+SPACING = 1.0  # mean edges between samples within an edge
 MOST_INSIDE = 24  # samples within one edge
 ADDED_SHARE = 0.8  # of the squared bound, of samples where it did not hold
 SPARE = 0.1  # of vertices and faces, for splits

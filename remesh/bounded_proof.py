@@ -120,17 +120,25 @@ class BoundProof:
         -------
         faces : (k,) int array
             Faces of the work mesh.
+        places : (k, 3) float array
+            Points of them.
         targets : (k, 3) float array
-            Points of the original near them.
+            Points of the original: one of the two is the other's closest.
         """
         original, search = self.work.source, self.work.search
         bad = np.flatnonzero(self.faces.missing(self.limits))
-        found, weights, _ = search.query(self.faces.place[bad])
-        targets = np.einsum("nk,nkd->nd", weights, original.points[original.faces[found]])
+        near_bad = closest(search, original, self.faces.place[bad])[1]
         far = np.flatnonzero(self.source.missing(self.limits))
-        near = self.search.query(self.source.place[far])[0]
+        near, near_far = closest(self.search, self.mesh, self.source.place[far])
         faces = np.concatenate([bad, self.alive[near]])
-        targets = np.concatenate([targets, self.source.place[far]])
+        places = np.concatenate([self.faces.place[bad], near_far])
+        targets = np.concatenate([near_bad, self.source.place[far]])
         badness = np.concatenate([self.faces.upper[bad], self.source.upper[far]])
         order = np.argsort(-badness, kind="stable")
-        return faces[order], np.ascontiguousarray(targets[order])
+        return faces[order], places[order], targets[order]
+
+
+def closest(search, mesh, points):
+    """Faces (k,) of a mesh closest to points (k, 3), and the points of them."""
+    found, weights, _ = search.query(points)
+    return found, np.einsum("nk,nkd->nd", weights, mesh.points[mesh.faces[found]])

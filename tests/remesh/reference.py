@@ -139,3 +139,12 @@ def broken_links(work):
                 break
             row = links[row, OTHER]
     return wrong
+
+
+def boxes_touching(boxes, corners):
+    """Triangles (m, 3, 3) whose own box has a point in common with one of the boxes (k, 6)."""
+    found = []
+    for triangle in corners:
+        low, high = triangle.min(axis=0), triangle.max(axis=0)
+        found.append(any((box[:3] <= high).all() and (low <= box[3:]).all() for box in boxes))
+    return np.array(found)
