@@ -32,6 +32,7 @@ from remesh.shape_kernels import enclosed_volume
 DAMPING = 1e-3
 TOLERANCE = 1e-5
 HALVINGS = 4
+VOLUME_STEPS = 3
 
 
 def barycentric_samples(order):
@@ -134,7 +135,7 @@ def match_volume(work, volume):
     total = 0.0
     if len(free) == 0:
         return total
-    for _ in range(2):
+    for _ in range(VOLUME_STEPS):
         mesh, bases = work.to_mesh()
         number = np.full(len(work.rows), -1)
         number[bases] = np.arange(len(bases))

@@ -48,6 +48,7 @@ FIRST_STEP, SHORTEST_STEP, RISE = 0.3, 0.03, 0.2  # of the mean edge; of a step
 DIRECTIONS = 6
 LEAST_GAIN = 0.98
 ROUNDS, SWEEPS = 6, 3
+STALLED = 0.9  # share of the far triangles left at which a round is the last
 
 
 def relieve_gaps(work, farthest, sigma, limits, exact=True, rounds=ROUNDS):
@@ -78,11 +79,13 @@ def relieve_gaps(work, farthest, sigma, limits, exact=True, rounds=ROUNDS):
     tangents = as_tangents(limits)
     movable = free_rows(work)
     movable |= work.links[: len(movable), KIND] == CURVE
+    before = np.inf
     for turn in range(rounds + 1):
         targets, gaps, farthest = gaps_of(work, farthest, lattice)
         far = np.flatnonzero(gaps > farthest)
-        if len(far) == 0 or turn == rounds:
+        if len(far) == 0 or turn == rounds or len(far) > STALLED * before:
             break
+        before = len(far)
         far = far[np.argsort(-gaps[far], kind="stable")]
         sides = (3 * far[:, None] + np.arange(3)).ravel()
         vertices = work.links[work.halves[sides, ORIGIN], BASE]
