@@ -1,11 +1,12 @@
 """The proof that is renewed in part: the same as a new one, and never below what samples find."""
 
+import numba
 import numpy as np
 import pytest
 
 from meshes.box_tree_kernels import mark_touching
 from meshes.closest_point import ClosestPoint, sample_surface
-from remesh.bounded import BoundLimits, coarsen, make_sure
+from remesh.bounded import BoundLimits, coarsen, make_sure, simplify_within
 from remesh.bounded_insert import insert_points
 from remesh.bounded_mesh import BoundedMesh
 from remesh.bounded_proof import BoundProof
@@ -99,3 +100,17 @@ def test_only_what_changed_is_compared_again():
     work.state[6][one] /= 1.2
     proof.renew()
     assert proof.proved <= limits.error
+
+
+def test_same_bits_with_one_thread_and_two():
+    source, before, results = jittered(icosphere(4), 0.1, 3), numba.get_num_threads(), []
+    try:
+        for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
+            numba.set_num_threads(threads)
+            results.append(simplify_within(source, BoundLimits(0.02)))
+    finally:
+        numba.set_num_threads(before)
+    one, two = results
+    np.testing.assert_array_equal(one.mesh.points, two.mesh.points)
+    np.testing.assert_array_equal(one.mesh.faces, two.mesh.faces)
+    assert (one.distance, one.normal_angle) == (two.distance, two.normal_angle)
