@@ -42,6 +42,7 @@ def main():
         print(json.dumps(ROWS[name](int(cells), options.iterations)))
         return
     environment = dict(os.environ, OPENBLAS_NUM_THREADS="1")
+    environment.setdefault("GOMP_SPINCOUNT", "10000")  # as the command line of the cases has it
     if options.threads:
         environment["NUMBA_NUM_THREADS"] = str(options.threads)
     pythons = {"multigrid": sys.executable}
