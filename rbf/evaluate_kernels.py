@@ -158,23 +158,6 @@ def _part(points, query, box, sides):
 
 
 @njit(**OPTIONS)
-def sum_up_parts(form, near, begin, end, points, order, first, last, box, units, values, gradients):
-    """As `sum_up`, each part of the box of the queries with the centres near that part."""
-    sides = 2 if last - first < VERY_DENSE else 4
-    places, part_start = np.empty(last - first, np.int64), np.empty(sides**3 + 1, np.int64)
-    divide(points, order, first, last, box, sides, places, part_start)
-    whole, smaller, nearer = np.array([[begin, end]]), np.empty((2, 3)), np.empty_like(near)
-    for part in range(sides**3):
-        start, stop = part_start[part], part_start[part + 1]
-        if start < stop:
-            bounds(points, places, start, stop, smaller)
-            since, until = gather(whole, smaller, 1.0, near, nearer)
-            sum_up(
-                form, nearer, since, until, points, places, start, stop, units, values, gradients
-            )
-
-
-@njit(**OPTIONS)
 def evaluate(
     first_cell,
     last_cell,
@@ -215,6 +198,8 @@ def evaluate(
     """
     found, box = np.empty((MAX_RUNS, 2), np.int64), np.empty((2, 3))
     near, around = np.empty((centres.shape[0], 512)), np.full((MAX_RUNS + 1, 2), -1)
+    whole = np.empty((1, 2), np.int64)
+    part_start = np.empty(4**3 + 1, np.int64)
     for cell in range(first_cell, last_cell):
         first, last = starts[cell], starts[cell + 1]
         if keys[cell] == OUTSIDE:
@@ -228,9 +213,16 @@ def evaluate(
         bounds(points, order, first, last, box)
         near = room(runs, near)
         begin, end = gather(runs, box, 1.0, centres, near)
-        if last - first < DENSE:
-            sum_up(form, near, begin, end, points, order, first, last, units, values, gradients)
+        sides = 1 if last - first < DENSE else (2 if last - first < VERY_DENSE else 4)
+        if sides == 1:
+            places, part_start[0], part_start[1], nearer = order, first, last, near
         else:
-            sum_up_parts(
-                form, near, begin, end, points, order, first, last, box, units, values, gradients
-            )
+            places, nearer = np.empty(last - first, np.int64), np.empty_like(near)
+            divide(points, order, first, last, box, sides, places, part_start[: sides**3 + 1])
+            whole[0, 0], whole[0, 1] = begin, end
+        for part in range(sides**3):
+            start, stop = part_start[part], part_start[part + 1]
+            if sides > 1 and start < stop:
+                bounds(points, places, start, stop, box)
+                begin, end = gather(whole, box, 1.0, near, nearer)
+            sum_up(form, nearer, begin, end, points, places, start, stop, units, values, gradients)
