@@ -121,10 +121,15 @@ def fit_local(points, values, most=MOST, least=LEAST, margin=MARGIN, weld_distan
         )
     points, values = check_values(points, values)
     if weld_distance is None:
-        weld_distance = WELD_PER_SPACING * point_spacing(points)
+        weld_distance = WELD_PER_SPACING * point_spacing(points, instead="two at least")
     welded = len(points)
     points, values = average_duplicates(points, values, weld_distance)
     welded -= len(points)
+    if len(points) < 2:
+        raise InvalidCase(
+            f"there are not two distinct ones among the points at a weld_distance of "
+            f"{weld_distance:g}: give two at least, or a smaller distance"
+        )
     tree, middles, reaches, members = grow_tree(points, most, margin)
     members = _fill_up(points, middles, members, min(least, len(points)))
     patches, errors = _solve(points, values, middles, reaches, members)

@@ -96,7 +96,14 @@ def weld(points, distance):
         The first point of each cluster, increasing.
     cluster : (n,) int array
         Which of the kept ones each point became.
+
+    Raises
+    ------
+    InvalidCase
+        If the distance is negative or not finite.
     """
+    if not 0.0 <= distance < np.inf:
+        raise InvalidCase(f"weld_distance must be at least 0 and finite, got {distance}")
     pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
     if not len(pairs):
         everything = np.arange(len(points))

@@ -12,13 +12,14 @@ from hypothesis import strategies as st
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial.distance import cdist
 
-from meshes import InvalidCase, InvalidMesh
+from meshes import InvalidCase, InvalidMesh, NotConverged
 from rbf import (
     KERNELS,
     fit_global,
     fit_greedy,
     fit_hermite,
     fit_levels,
+    fit_local,
     fit_offsets,
     fit_surface,
     fit_values,
@@ -31,7 +32,7 @@ SPACING = 0.25
 TIGHT = 1e-11
 SCALES = [1e-9, 1.0, 1e9]
 GLOBAL = [name for name, kernel in KERNELS.items() if not kernel.compact]
-VALUE_FORMS = ["values", "levels", *GLOBAL]
+VALUE_FORMS = ["values", "levels", "local", *GLOBAL]
 SURFACE_FORMS = ["hermite", "offsets"]
 
 
@@ -129,6 +130,15 @@ def dense_global(points, values, name, queries):
     return RBFInterpolator(points, values, kernel=name, epsilon=1 / 0.3, degree=degree)(queries)
 
 
+def dense_quintic(points, values, queries):
+    """What scipy finds with r^5; NaN outside the box of the points, widened by a quarter."""
+    found = RBFInterpolator(points, values, kernel="quintic", degree=2)(queries)
+    margin = 0.25 * np.ptp(points, axis=0)
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    found[((queries <= low) | (queries >= high)).any(axis=1)] = np.nan
+    return found
+
+
 def queries_near(points, rng):
     """Places within the support of some point."""
     return points[rng.integers(0, len(points), 40)] + rng.uniform(-0.2, 0.2, (40, 3))
@@ -142,11 +152,24 @@ def fit_form(form, points, values, scale):
     if form == "levels":
         ours = fit_levels(points, values, 3, spacing=SPACING * scale, tolerance=TIGHT)
         return ours, dense_levels
+    if form == "local":  # so few points are one patch: r^5 with a quadratic polynomial
+        ours = fit_local(points, values, weld_distance=1e-5 * scale)
+        return ours, lambda p, v, q: dense_quintic(*welded(p, v, 1e-5), q)
     ours = fit_global(points, values, form, 0.3 * scale)
     return ours, lambda p, v, q: dense_global(*welded(p, v, 1e-5), form, q)
 
 
 # --- scattered values -------------------------------------------------------------------------
+
+
+def check_local(points, values, scale):
+    """Local interpolants meet the data, or say that they cannot."""
+    try:
+        ours = fit_local(points * scale, values)
+    except NotConverged as refusal:
+        assert "average points that lie close together" in str(refusal)
+        return
+    np.testing.assert_allclose(ours.value(points * scale), values, atol=1e-5)
 
 
 @pytest.mark.parametrize("form", VALUE_FORMS)
@@ -160,6 +183,9 @@ def test_values_are_those_of_the_dense_twin(form, trouble, seed, scale):
     if form == "cubic" and trouble == "a plane":
         with pytest.raises(InvalidCase, match="choose wendland_c2 or inverse_multiquadric"):
             fit_global(points * scale, values, form)
+        return
+    if form == "local" and trouble in ("a plane", "two sheets", "an outlier"):
+        check_local(points, values, scale)  # scipy's matrix is singular, or nearly
         return
     ours, twin = fit_form(form, points * scale, values, scale)
     expected = twin(points, values, queries)
@@ -359,3 +385,20 @@ def test_a_kernel_that_does_not_fit_is_answered_with_those_that_do():
     points = np.random.default_rng(0).random((40, 3))
     with pytest.raises(InvalidCase, match=r"wendland_c2, wendland_c4, wendland_c6$"):
         fit_hermite(points, points + 1.0, kernel="wendland_c0")
+
+
+@pytest.mark.parametrize("form", ["values", "local", "hermite", "offsets"])
+@pytest.mark.parametrize("distance", [-1.0, np.nan, np.inf])
+def test_a_weld_distance_that_makes_no_sense_is_refused(form, distance):
+    fit = {"local": fit_local, **{name: FITS[name][0] for name in FITS}}[form]
+    points = np.random.default_rng(0).random((40, 3))
+    data = points + 1.0 if form in SURFACE_FORMS else points[:, 0]
+    with pytest.raises(InvalidCase, match="weld_distance must be at least 0 and finite"):
+        fit(points, data, weld_distance=distance)
+
+
+@pytest.mark.parametrize("distance", [None, 1e-3])
+@pytest.mark.parametrize("copies", [1, 30])
+def test_local_interpolants_ask_for_two_points(copies, distance):
+    with pytest.raises(InvalidCase, match=r"two distinct ones.* give two at least"):
+        fit_local(np.ones((copies, 3)), np.ones(copies), weld_distance=distance)
