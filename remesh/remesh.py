@@ -110,7 +110,7 @@ def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
     if settings.max_error is not None:
         return conclude_within(layout, surfaces, settings, progress)
     if settings.vertices is None and settings.edge_length is None:
-        settings = with_vertices(settings, len(mesh.points))
+        settings = replace(settings, vertices=len(mesh.points))
     by_label = None
     if surfaces is None:
         surfaces = TriangleSurface(layout)
@@ -131,14 +131,25 @@ def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
             work, gaps, recipe, settings, volume, first_length(work, recipe, settings),
             settings.vertices, progress,
         )  # fmt: skip
-    return conclude(mesh, work, gaps, settings, (length, volume), progress)
+    return conclude(layout, work, gaps, settings, (length, volume), progress)
 
 
 def conclude_within(layout, surfaces, settings, progress):
     """The result within an error bound, and its statistics."""
     mesh = layout.mesh
     found = remesh_within(mesh, surfaces, settings, progress)
-    drift, result = None, found.mesh
+    progress("finished", 1.0)
+    return concluded(
+        layout, found.mesh, settings, found.crossing, found.inverted,
+        edge_length=mean_edge(found.mesh),
+        proved_distance=found.distance,
+        proved_normal_angle=found.normal_angle,
+    )  # fmt: skip
+
+
+def concluded(layout, result, settings, crossing, inverted, **figures):
+    """The RemeshResult of a mesh: its counts, what is wrong with it, and other figures."""
+    mesh, drift = layout.mesh, None
     volume = enclosed_volume(mesh.points, mesh.faces) if layout.closed else 0.0
     if volume != 0.0:
         drift = enclosed_volume(result.points, result.faces) / volume - 1.0
@@ -146,15 +157,12 @@ def conclude_within(layout, surfaces, settings, progress):
         vertices_before=len(mesh.points),
         vertices=len(result.points),
         faces=len(result.faces),
-        edge_length=mean_edge(result),
         sigma=settings.sigma,
         volume_drift=drift,
-        self_intersecting_faces=found.crossing,
-        inverted_faces=found.inverted,
-        proved_distance=found.distance,
-        proved_normal_angle=found.normal_angle,
+        self_intersecting_faces=crossing,
+        inverted_faces=inverted,
+        **figures,
     )
-    progress("finished", 1.0)
     return RemeshResult(result, statistics)
 
 
@@ -162,11 +170,6 @@ def mean_edge(mesh):
     """Mean edge length of a mesh."""
     ends = mesh.points[edge_table(mesh.faces).edges]
     return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean())
-
-
-def with_vertices(settings, vertices):
-    """The settings with a vertex count."""
-    return replace(settings, vertices=vertices)
 
 
 def layout_of(mesh, surfaces):
@@ -193,30 +196,16 @@ def triangle_start(surface, settings):
     return carrier, TriangleFidelity(surface.carrier, hints)
 
 
-def conclude(mesh, work, gaps, settings, found, progress):
+def conclude(layout, work, gaps, settings, found, progress):
     """The result and its statistics, checked against the exact normals.
 
     found : the 6D edge length, the input's volume (None if open)
     """
     length, volume = found
     work.compact()
-    intersecting, inverted, rounds = repair(work, gaps)
-    closed = volume is not None
-    if rounds > 0 and closed and settings.fit and settings.algorithm == "pliant":
+    crossing, inverted, rounds = repair(work, gaps)
+    if rounds > 0 and volume is not None and settings.fit and settings.algorithm == "pliant":
         match_volume(work, volume)
-    result = finished_mesh(work, mesh)
-    drift = None
-    if closed and volume != 0.0:
-        drift = enclosed_volume(result.points, result.faces) / volume - 1.0
-    statistics = RemeshStatistics(
-        vertices_before=len(mesh.points),
-        vertices=len(result.points),
-        faces=len(result.faces),
-        edge_length=float(length),
-        sigma=settings.sigma,
-        volume_drift=drift,
-        self_intersecting_faces=intersecting,
-        inverted_faces=inverted,
-    )
+    result = finished_mesh(work, layout.mesh)
     progress("finished", 1.0)
-    return RemeshResult(result, statistics)
+    return concluded(layout, result, settings, crossing, inverted, edge_length=float(length))
