@@ -210,8 +210,8 @@ def _solve(points, values, middles, reaches, members):
     scales = reaches.max(axis=1)
 
     def solve_some(first, last):
-        for start in range(first, last, AT_ONCE):
-            some = range(start, min(start + AT_ONCE, last))
+        for batch in range(first, last):  # the same ones whatever the threads: bits depend on them
+            some = range(batch * AT_ONCE, min((batch + 1) * AT_ONCE, len(members)))
             sites = [(points[members[p]] - middles[p]) / scales[p] for p in some]
             solved = _solve_together(sites, [values[members[p]] for p in some])
             for patch, x, a, tail, error in zip(some, sites, *solved, strict=True):
@@ -219,7 +219,7 @@ def _solve(points, values, middles, reaches, members):
                 rows[:3], rows[3] = x.T, a[: len(x)]
                 tails[patch], errors[patch] = tail, error
 
-    in_parts(solve_some, len(members), least=AT_ONCE)
+    in_parts(solve_some, -(-len(members) // AT_ONCE), least=1)
     return (middles, reaches, scales, columns, data, tails), errors
 
 
