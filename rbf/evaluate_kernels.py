@@ -34,7 +34,7 @@ def bounds(points, order, first, last, box):
 @njit(**OPTIONS)
 def room(runs, near):
     """`near`, or a longer array if the centres of the runs (k, 2) might not fit into it."""
-    needed = 3 * LANES
+    needed = 4 * LANES
     for run in range(runs.shape[0]):
         needed += runs[run, 1] - runs[run, 0]
     if near.shape[1] < needed:

@@ -8,9 +8,9 @@ from numba import njit
 
 from rbf.cell_kernels import MAX_RUNS, OUTSIDE, REACH, neighbour_runs
 from rbf.evaluate_kernels import bounds, gather, room
-from rbf.lanes import improved_root, load, positive, spread, total
+from rbf.lanes import load, spread, total
 from rbf.profiles import LEAN, OPTIONS, parts, third, unit
-from rbf.sum_kernels import begin_centres
+from rbf.sum_kernels import begin_centres, continue_centres
 
 
 @njit(**LEAN)
@@ -18,9 +18,7 @@ def _hessian(profile, near, begin, end, px, py, pz, out):
     """Second derivatives (3, 3) at one point, from rows x, y, z, a, b; returns the support."""
     xx = yy = zz = xy = xz = yz = support = spread(0.0)
     for j in range(begin, end, 8):
-        dx, dy, dz, squared, estimate = begin_centres(near, j, px, py, pz)
-        inverse = improved_root(squared, estimate)
-        t = positive(1.0 - squared * inverse)
+        dx, dy, dz, t, inverse = continue_centres(begin_centres(near, j, px, py, pz))
         base, _, q, s = parts(profile, t, inverse)
         f1, f2, f3 = base * (t * q), base * s, third(profile, t, inverse)
         a, bx, by, bz = load(near, 3, j), load(near, 4, j), load(near, 5, j), load(near, 6, j)

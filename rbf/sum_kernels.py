@@ -4,8 +4,9 @@
     grad S = sum_j (a_j f1 + f2 b_j.d_j) d_j + f1 b_j
 
 Eight centres at a time run through the vector registers. They should begin at a cache line (see
-`line_start`): loads that straddle two lines cost a third of the speed. The distances of the next
-eight are begun before the sums over these, which wait for theirs: a tenth of the time.
+`line_start`): loads that straddle two lines cost a third of the speed. Each operation
+waits for the one before; so three groups of eight are under way at a time: the sums over one, the
+distances of the next, the estimates of those of the one after. That saves a sixth of the time.
 """
 
 from typing import NamedTuple
@@ -51,16 +52,22 @@ def begin_centres(near, j, x, y, z):
     return dx, dy, dz, squared, root_estimate(squared)
 
 
-def add_centres(form, near, j, begun, sums):
+@njit(**LEAN)
+def continue_centres(begun):
+    """d, t = max(1 - r, 0) and 1 / r of centres from `begin_centres`."""
+    dx, dy, dz, squared, estimate = begun
+    inverse = improved_root(squared, estimate)
+    return dx, dy, dz, positive(1.0 - squared * inverse), inverse
+
+
+def add_centres(form, near, j, seen, sums):
     """Sums of v, g_x, g_y and g_z with centres j to j + 7 added."""
     raise NotImplementedError
 
 
-def _add_hermite(form, near, j, begun, sums):
+def _add_hermite(form, near, j, seen, sums):
     v, gx, gy, gz = sums
-    dx, dy, dz, squared, estimate = begun
-    inverse = improved_root(squared, estimate)
-    t = positive(1.0 - squared * inverse)
+    dx, dy, dz, t, inverse = seen
     base, p, q, s = parts(form.profile, t, inverse)
     bx, by, bz = load(near, 4, j), load(near, 5, j), load(near, 6, j)
     slope = bx * dx + (by * dy + bz * dz)
@@ -74,11 +81,9 @@ def _add_hermite(form, near, j, begun, sums):
     return v, gx, gy, gz
 
 
-def _add_values(form, near, j, begun, sums):
+def _add_values(form, near, j, seen, sums):
     v, gx, gy, gz = sums
-    dx, dy, dz, squared, estimate = begun
-    inverse = improved_root(squared, estimate)
-    t = positive(1.0 - squared * inverse)
+    dx, dy, dz, t, inverse = seen
     base, p, q, _ = parts(form.profile, t, inverse)
     at = base * (load(near, 3, j) * t)
     v = v + at * (t * p)
@@ -86,11 +91,9 @@ def _add_values(form, near, j, begun, sums):
     return v, gx + w * dx, gy + w * dy, gz + w * dz
 
 
-def _add_only_values(form, near, j, begun, sums):
+def _add_only_values(form, near, j, seen, sums):
     v, gx, gy, gz = sums
-    _, _, _, squared, estimate = begun
-    inverse = improved_root(squared, estimate)
-    t = positive(1.0 - squared * inverse)
+    _, _, _, t, inverse = seen
     base, p, _, _ = parts(form.profile, t, inverse)
     v = v + (base * (load(near, 3, j) * t)) * (t * p)
     return v, gx, gy, gz
@@ -100,7 +103,7 @@ _ADD = {HermiteSum: _add_hermite, ValueSum: _add_values, ValueOnly: _add_only_va
 
 
 @overload(add_centres)
-def _add_centres(form, near, j, begun, sums):
+def _add_centres(form, near, j, seen, sums):
     return _ADD[form.instance_class]
 
 
@@ -112,7 +115,7 @@ def value_and_gradient(form, near, begin, end, x, y, z):
     ----------
     form : HermiteSum, ValueSum or ValueOnly
     near : (7 or 4, m) float array
-        See the form; m >= end + 8.
+        See the form; m >= end + 16.
     begin, end : int
         The columns of the centres, a multiple of 8 of them.
     x, y, z : float
@@ -125,11 +128,13 @@ def value_and_gradient(form, near, begin, end, x, y, z):
     """
     zero = spread(0.0)
     sums = zero, zero, zero, zero
-    ahead = begin_centres(near, begin, x, y, z)
+    following = continue_centres(begin_centres(near, begin, x, y, z))
+    ahead = begin_centres(near, begin + 8, x, y, z)
     for j in range(begin, end, 8):
-        begun = ahead
-        ahead = begin_centres(near, j + 8, x, y, z)
-        sums = add_centres(form, near, j, begun, sums)
+        seen = following
+        following = continue_centres(ahead)
+        ahead = begin_centres(near, j + 16, x, y, z)
+        sums = add_centres(form, near, j, seen, sums)
     u = unit(form.profile)
     v, gx, gy, gz = u * total(sums[0]), u * total(sums[1]), u * total(sums[2]), u * total(sums[3])
     nothing = v == 0.0 and gx == 0.0 and gy == 0.0 and gz == 0.0
