@@ -25,8 +25,7 @@ if __package__ in (None, ""):
     sys.path[0] = str(ROOT)
 
 import isosurface as iso  # noqa: E402
-from isosurface.crossing import CROSSINGS, profile_angle  # noqa: E402
-from isosurface.local_quadratics import local_quadratics  # noqa: E402
+from isosurface.crossing import CROSSINGS  # noqa: E402
 from meshes import PhaseField, TetMesh  # noqa: E402
 from meshes.closest_point import ClosestPoint, two_sided_distance  # noqa: E402
 from meshes.io import load_tet_mesh  # noqa: E402
@@ -38,7 +37,6 @@ from meshes.tet_mesh import tet_volumes  # noqa: E402
 CELLS = (12, 20, 34)
 WIDTH = 0.35  # of the interface
 METHODS = (*CROSSINGS, "newton")
-NEWTON_STEPS = 3
 AXIS = np.array([0.9, 0.36, 0.246])
 
 
@@ -96,26 +94,8 @@ def errors(surface, distance, volume):
 
 
 def extracted(field, method):
-    """The surface by one of METHODS; "newton" goes on from quadratic crossings."""
-    if method == "newton":
-        return newton(iso.extract_surface(field), field)
+    """The surface by one of METHODS."""
     return iso.extract_surface(field, crossing=method)
-
-
-def newton(surface, field, level=0.5):
-    """Vertices off the caps moved by Newton's method on quadratics fitted around themselves."""
-    inner = (field.values > 0.0) & (field.values < 1.0)
-    nodes, angles = field.mesh.points[inner], profile_angle(field.values[inner])
-    moved = np.zeros(len(surface.points), dtype=bool)
-    smooth = surface.face_labels == [p.name for p in surface.labels].index("isosurface")
-    moved[surface.faces[smooth]] = True
-    moved[surface.faces[~smooth]] = False
-    points = np.array(surface.points)
-    for _ in range(NEWTON_STEPS):
-        found = local_quadratics(nodes, angles, points[moved])
-        miss = (found.values - profile_angle(level)) / (found.gradients**2).sum(axis=1)
-        points[moved] -= miss[:, None] * found.gradients
-    return surface.with_points(points)
 
 
 def print_orders(shape, method):

@@ -324,7 +324,7 @@ class IsosurfaceSection(Section):
     level: fields.number(above=0.0, below=1.0, words=("volume",)) = Field(
         0.5, description="phi on the surface; volume: the level that encloses volume_fraction"
     )
-    crossing: Literal["quadratic", "sine", "linear"] = Field(
+    crossing: Literal["quadratic", "newton", "sine", "linear"] = Field(
         "quadratic", description="how phi runs along an edge of the mesh"
     )
     spread: fields.number(at_least=0.0, below=0.5) = Field(

@@ -15,10 +15,11 @@ from isosurface.clipping_tables import (
     TET_TRIANGLES,
 )
 from isosurface.crossing import angle_fits, edge_crossings
+from isosurface.newton import newton_vertices
 from isosurface.spreading import check_spread, spread_crossings
 from isosurface.structure import ISOSURFACE
 from isosurface.symmetry import snapped_to_symmetry
-from meshes import InvalidMesh, TriMesh
+from meshes import InvalidCase, InvalidMesh, TriMesh
 from meshes.curves import label_boundaries
 from meshes.self_intersection import self_intersecting_faces
 
@@ -31,8 +32,9 @@ def extract_surface(field, level=0.5, crossing="quadratic", clearance=0.01, spre
     field : PhaseField
     level : float
         A node exactly at the level is inside.
-    crossing : "linear", "sine" or "quadratic"
-        How the field runs along an edge, see `edge_crossings`.
+    crossing : "linear", "sine", "quadratic" or "newton"
+        How the field runs along an edge, see `edge_crossings`; "newton" goes on from quadratic
+        crossings, off their edges (see `newton`; it excludes spreading).
     clearance : float
         Share of an edge that a crossing stays away from its ends.
     spread : float
@@ -48,6 +50,8 @@ def extract_surface(field, level=0.5, crossing="quadratic", clearance=0.01, spre
 
     Raises
     ------
+    InvalidCase
+        If the crossing, clearance or spread is none that there is.
     InvalidMesh
         If the field is not finite or nowhere reaches the level, or a symmetry plane has no facets.
 
@@ -56,6 +60,9 @@ def extract_surface(field, level=0.5, crossing="quadratic", clearance=0.01, spre
     Thesis section 2.2.6, which has no caps.
     """
     check_spread(spread)
+    newton = crossing == "newton"
+    if newton and spread > 0.0:
+        raise InvalidCase("crossing newton moves vertices off their edges: spread must be 0")
     mesh = field.mesh
     inside = _inside_nodes(field, level)
     points, on_symmetry = snapped_to_symmetry(mesh)
@@ -64,7 +71,7 @@ def extract_surface(field, level=0.5, crossing="quadratic", clearance=0.01, spre
     facets = mesh.facets[kept]
     nodes, items = _facet_items(facets, inside, edges, len(points))
     fits = angle_fits(field, edges, level) if spread > 0.0 else None
-    t = edge_crossings(field, edges, level, crossing, clearance, fits)
+    t = edge_crossings(field, edges, level, "quadratic" if newton else crossing, clearance, fits)
     # An edge within a plane x = c stays in it exactly: c + t * 0.
     crossings = points[edges[:, 0]] + t[:, None] * (points[edges[:, 1]] - points[edges[:, 0]])
     tet_pattern = inside[mesh.tets[cut_tets]] @ [1, 2, 4, 8]
@@ -79,6 +86,9 @@ def extract_surface(field, level=0.5, crossing="quadratic", clearance=0.01, spre
     vertices = np.concatenate([crossings, points[nodes]])
     if spread > 0.0:
         moved = spread_crossings(field, edges, t, spread, fits)
+        vertices = _without_meeting_faces(vertices, moved, build)
+    if newton:
+        moved = newton_vertices(field, edges, crossings, level)
         vertices = _without_meeting_faces(vertices, moved, build)
     return labelled_surface(vertices, *build(vertices), (ISOSURFACE, *mesh.patches))
 

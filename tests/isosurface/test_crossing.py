@@ -56,6 +56,27 @@ def test_quadratic_crossings_are_several_times_as_close():
     assert error["quadratic"] < 0.25 * error["sine"] <= 0.25 * error["linear"]
 
 
+def test_newton_puts_inner_vertices_on_the_level_and_no_others():
+    field = ball()
+    linear, quadratic, newton = (
+        extract_surface(field, crossing=name) for name in ("linear", "quadratic", "newton")
+    )
+    assert len(newton.faces) == len(quadratic.faces)  # quads may have the other diagonal
+    assert np.sqrt(np.mean(distances(newton) ** 2)) < 0.25 * np.sqrt(
+        np.mean(distances(linear) ** 2)
+    )
+    edge = np.linalg.norm(newton.points - quadratic.points, axis=1)
+    assert 0.0 < edge.max() < 0.02
+    cut = fields.sphere_field(fields.box(12), (0.5, 0.5, 0.9), 0.31, 0.35)  # with a cap
+    before, after = (extract_surface(cut, crossing=name) for name in ("quadratic", "newton"))
+    caps = np.unique(after.faces[after.face_labels != 0])
+    np.testing.assert_array_equal(after.points[caps], before.points[caps])
+    assert (after.points != before.points).any()
+    require_valid(after)
+    with pytest.raises(InvalidCase, match="spread must be 0"):
+        extract_surface(field, crossing="newton", spread=0.1)
+
+
 def test_misfit_is_the_noise_of_the_values():
     rng = np.random.default_rng(0)
     points, at = rng.random((4000, 3)), 0.3 + 0.4 * rng.random((300, 3))
