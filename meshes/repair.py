@@ -220,16 +220,20 @@ def _finished(mesh, soup, names):
 
 def _uncrossed(mesh, counts, hold_boundary):
     """With overlapping pieces united, and other faces that cross drawn apart."""
-    counts["crossed_faces"] = int(self_intersecting_faces(mesh.points, mesh.faces).sum())
+    crossing = self_intersecting_faces(mesh.points, mesh.faces)
+    counts["crossed_faces"] = int(crossing.sum())
     if counts["crossed_faces"] == 0:
         return mesh
-    mesh, counts["united_pieces"] = unite(mesh)
-    points, before, after = separate(mesh.points, mesh.faces, _held(mesh, hold_boundary))
+    mesh, counts["united_pieces"] = unite(mesh, crossing)
+    if counts["united_pieces"]:
+        crossing = self_intersecting_faces(mesh.points, mesh.faces)
+    held = _held(mesh, crossing, hold_boundary)
+    points, before, after = separate(mesh.points, mesh.faces, crossing, held)
     counts["separated_faces"], counts["crossing_faces"] = before - after, after
     return mesh if points is mesh.points else mesh.with_points(points)
 
 
-def _held(mesh, hold_boundary):
+def _held(mesh, crossing, hold_boundary):
     """Vertices (n,) that must not be smoothed: of features, planes and pieces that overlap."""
     held = np.zeros(len(mesh.points), dtype=bool)
     held[mesh.feature_edges] = True
@@ -237,7 +241,7 @@ def _held(mesh, hold_boundary):
         table = edge_table(mesh.faces)
         held[table.edges[table.count == 1]] = True
     planar = np.array([patch.plane is not None for patch in mesh.labels])
-    piece, overlapping = overlapping_pieces(mesh)
+    piece, overlapping = overlapping_pieces(mesh, crossing)
     held[mesh.faces[planar[mesh.face_labels] | np.isin(piece, overlapping)]] = True
     return held
 

@@ -12,7 +12,7 @@ WORTH_IT = 0.02  # part of the faces that cross which may be left of a patch tha
 RINGS = 1  # neighbours that are smoothed with them
 
 
-def separate(points, faces, held):
+def separate(points, faces, crossing, held):
     """Smooth around faces that meet others, as long as these become fewer.
 
     Parameters
@@ -20,6 +20,8 @@ def separate(points, faces, held):
     points : (n, 3) float array
     faces : (m, 3) int array
         Manifold.
+    crossing : (m,) bool array
+        Faces that meet others.
     held : (n,) bool array
         Vertices that must stay.
 
@@ -30,7 +32,6 @@ def separate(points, faces, held):
     before, after : int
         Faces that meet others.
     """
-    crossing = self_intersecting_faces(points, faces)
     before = int(crossing.sum())
     if before == 0:
         return points, 0, 0

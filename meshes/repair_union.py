@@ -8,13 +8,15 @@ from meshes.self_intersection import self_intersecting_faces
 from meshes.tri_mesh import TriMesh
 
 
-def unite(mesh):
+def unite(mesh, crossing):
     """Unite the pieces of a surface that cross each other.
 
     Parameters
     ----------
     mesh : TriMesh
         Manifold and oriented.
+    crossing : (m,) bool array
+        Which of its faces cross others.
 
     Returns
     -------
@@ -25,7 +27,7 @@ def unite(mesh):
     pieces : int
         How many were united.
     """
-    piece, overlapping = overlapping_pieces(mesh)
+    piece, overlapping = overlapping_pieces(mesh, crossing)
     solids = {k: _solid(mesh, np.flatnonzero(piece == k)) for k in overlapping}
     solids = {k: solid for k, solid in solids.items() if solid is not None}
     if len(solids) < 2:
@@ -36,15 +38,16 @@ def unite(mesh):
     return _joined(mesh, ~np.isin(piece, list(solids)), whole.to_mesh64()), len(solids)
 
 
-def overlapping_pieces(mesh):
+def overlapping_pieces(mesh, crossing):
     """The piece of each face (m,), and those pieces that cross others.
 
     These have faces that cross others, but do not when the piece is alone.
     """
     _, piece = face_components(mesh.faces)
-    crossing = self_intersecting_faces(mesh.points, mesh.faces)
-    found = []
-    for k in np.unique(piece[crossing]):
+    candidates, found = np.unique(piece[crossing]), []
+    if len(candidates) < 2:
+        return piece, found
+    for k in candidates:
         mine = piece == k
         alone = self_intersecting_faces(mesh.points, mesh.faces[mine])
         if (crossing[mine] & ~alone).any():
