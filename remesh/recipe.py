@@ -20,6 +20,8 @@ from remesh.sweeps import FIRST_LENGTH, PliantLoop, length_for_count
 from remesh.tips import keep_tips
 
 LAST_AGREEMENT = 0.2
+COUNT_ROUNDS, COUNT_TOLERANCE = 8, 0.01  # searches end when the count is as near as that
+COARSER = 1.25  # times the distance allowed between feature edges and curves, each round
 FARTHEST = 0.03  # of the target length: largest gap, and that of creases from their edges
 DIRECTIONS, WORST_DIRECTIONS = 3, 6  # of the general search and of that for the worst
 CURVE_ANGLE = 22.0  # [degrees] that fitting curves may leave in 3D
@@ -109,9 +111,7 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
         length, settings.iterations, vertices, recipe.delaunay_rounds, recipe.final_sigma,
         lambda share: progress("loop", share),
     )  # fmt: skip
-    if vertices is not None:
-        loop.meet_count(vertices, length)
-    follow_curves(work, recipe, length)
+    meet_count_and_curves(work, loop, recipe, length, vertices)
     work.compact()
     gaps.settle(work)
     if settings.fit:
@@ -190,17 +190,38 @@ def near_rows(work, rows, rings):
     return chosen
 
 
-def follow_curves(work, recipe, length):
+def meet_count_and_curves(work, loop, recipe, length, vertices):
+    """Meet the count, with feature edges that follow their curves as closely as it allows.
+
+    What the curves need more, the patches get less; where that is not enough, the feature edges
+    follow from farther away.
+    """
+    farthest, asked = FARTHEST * length, vertices
+    if vertices is None:
+        return follow_curves(work, recipe, farthest)
+    for turn in range(COUNT_ROUNDS):
+        loop.meet_count(max(asked, 4), length)
+        before = work.vertices
+        follow_curves(work, recipe, farthest)
+        if abs(work.vertices - vertices) <= COUNT_TOLERANCE * vertices:
+            return None
+        asked = vertices - (work.vertices - before)
+        if turn > 0:
+            farthest *= COARSER
+    return loop.meet_count(vertices, length)
+
+
+def follow_curves(work, recipe, farthest):
     """Have the feature edges follow their curves closely."""
     if len(work.carrier.curves.vertices) == 0:
         return
     for _ in range(2):
-        if split_far_edges(work, FARTHEST * length, recipe.agreement) == 0:
+        if split_far_edges(work, farthest, recipe.agreement) == 0:
             break
         flip_edges(work, recipe.sigma, (25.0, 0.0, recipe.agreement), VALENCE, 3)
         smooth_vertices(work, recipe.sigma, (20.0, 0.0, recipe.agreement), UNIFORM, 0.7)
-    fit_curves(work, (0.0, CURVE_ANGLE, recipe.agreement), FARTHEST * length)
-    split_far_edges(work, FARTHEST * length, recipe.agreement)
+    fit_curves(work, (0.0, CURVE_ANGLE, recipe.agreement), farthest)
+    split_far_edges(work, farthest, recipe.agreement)
 
 
 def tip_length(work, recipe, length, vertices):

@@ -77,6 +77,17 @@ def test_vertex_count_and_volume_are_met():
         check(result.mesh, worst=20.0, mean=48.0)
 
 
+@pytest.mark.parametrize("sigma", [0.0, 0.3])
+def test_the_count_is_met_where_most_vertices_are_on_curves(sigma):
+    """Rims of 96 edges each, that as few vertices cannot follow to 3 % of an edge."""
+    disc = cylinder(height=0.3, around=96, rings=3)
+    for vertices in (40, 60, 200):
+        result = remesh(disc, settings=RemeshSettings(vertices=vertices, sigma=sigma))
+        assert abs(len(result.mesh.points) - vertices) <= max(0.02 * vertices, 1.0)
+        assert result.statistics.inverted_faces == 0
+        assert topology(result.mesh.faces, len(result.mesh.points)).watertight
+
+
 def test_sigma_makes_triangles_follow_curvature():
     surface = TorusSurface()
     angles = []
