@@ -4,6 +4,8 @@ import numpy as np
 
 from cases.surface_files import surface_figures
 from cases.targets import sigma_length
+from meshes.quality import face_areas
+from meshes.roughness import roughness
 from topopt.problem import moved
 
 
@@ -18,7 +20,14 @@ def quality(run):
         surface = getattr(run, name)
         if surface is not None:
             found[name] = surface_figures(surface, sigma, reference)
+            rough = roughness(surface, _edge_of_equilateral(run.smoothed))
+            found[name]["roughness_deg"] = float(np.degrees(rough))
     return found
+
+
+def _edge_of_equilateral(surface):
+    """Edge length of equilateral triangles of the surface's mean area."""
+    return float(np.sqrt(4.0 / np.sqrt(3.0) * face_areas(surface.points, surface.faces).mean()))
 
 
 def summary(run, figures, manifest):
