@@ -25,7 +25,7 @@ LAST_TOLERANCE = 1e-6  # of the state that a run ends with
 STATE_SHARE = 0.1  # of the root of the last step's gain: how exactly the next state is solved
 QP_SHARE = 1e-4  # of the KKT residual: how exactly a step's programme is solved
 LOOSEST_QP = 1e-5
-DRAFT = 10.0  # so much less exactly where the solution is only asked for a product with J''
+DRAFT = 100.0  # so much less exactly where the solution is only asked for a product with J''
 
 
 @dataclass(frozen=True, eq=False)

@@ -110,11 +110,36 @@ def sum_rows(partial, out):
         add_multiple(1.0, partial[block], out)
 
 
-@njit(**PLAIN)
+@njit(**VECTORS)
 def add_rows(factors, matrix, start, stop, out):
-    """out (stop - start,) += factors matrix[:, start:stop]."""
-    for a in range(matrix.shape[0]):
+    """out (stop - start,) += factors matrix[:, start:stop], four rows at a time."""
+    k, size = matrix.shape[0], stop - start
+    for a in range(0, k - 3, 4):
+        f0, f1, f2, f3 = factors[a], factors[a + 1], factors[a + 2], factors[a + 3]
+        x0, x1 = matrix[a, start:stop], matrix[a + 1, start:stop]
+        x2, x3 = matrix[a + 2, start:stop], matrix[a + 3, start:stop]
+        for i in range(size):
+            out[i] += f0 * x0[i] + f1 * x1[i] + f2 * x2[i] + f3 * x3[i]
+    for a in range(k - k % 4, k):
         add_multiple(factors[a], matrix[a, start:stop], out)
+
+
+@njit(**VECTORS)
+def row_dots(matrix, start, stop, x, out):
+    """out (k,) = matrix[:, start:stop] x (stop - start,), four rows at a time."""
+    k, size = matrix.shape[0], stop - start
+    for a in range(0, k - 3, 4):
+        x0, x1 = matrix[a, start:stop], matrix[a + 1, start:stop]
+        x2, x3 = matrix[a + 2, start:stop], matrix[a + 3, start:stop]
+        s0 = s1 = s2 = s3 = 0.0
+        for i in range(size):
+            s0 += x0[i] * x[i]
+            s1 += x1[i] * x[i]
+            s2 += x2[i] * x[i]
+            s3 += x3[i] * x[i]
+        out[a], out[a + 1], out[a + 2], out[a + 3] = s0, s1, s2, s3
+    for a in range(k - k % 4, k):
+        out[a] = dot(matrix[a, start:stop], x)
 
 
 @njit(parallel=True, **PLAIN)
@@ -185,8 +210,7 @@ def conjugate_gradients(
                 x[place] += step * p[rows[place]]
                 r[place] -= step * (q[place] + t[place] - push * mass[place])
                 t[place] = r[place] / jacobi[place]
-            for a in range(k):
-                moments[block, a] = dot(packed[a, start:stop], part)
+            row_dots(packed, start, stop, part, moments[block])
         sum_rows(moments, moment)
         small_product(inner, moment, shift)
         for block in prange(n_blocks):  # z = P^-1 r

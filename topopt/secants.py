@@ -59,38 +59,63 @@ class SecantMetric:
     """
 
     def __init__(self, secants, stiffness, coupling, diagonal):
-        matrix = (stiffness.indptr, stiffness.indices, stiffness.data)
-        self._base = (*matrix, coupling, diagonal)
-        self._steps, self._changes, self._stretched = [], [], []  # s, y and B0 s
+        self._stiffness, self._coupling = stiffness, coupling
+        self._diagonal, self._none = diagonal, np.zeros(len(diagonal))
+        self._steps, self._changes = [], []  # s, y
+        self._pulled, self._stretched = [], []  # coupling A s, and B0 s
         self._bent = self._seen = np.zeros((0, 0))  # S^T B0 S, and the lower half of S^T Y
+        self._secants = None
         for step, change in zip(secants.steps, secants.changes, strict=True):
             self.learn(step, change)
+        self._secants = secants
 
     def learn(self, step, change):
         """Take in the pair s (n,), y (n,) [J]; the oldest one is dropped beyond MEMORY."""
+        self._secants = None
         if len(self._steps) == MEMORY:
-            for rows in (self._steps, self._changes, self._stretched):
+            for rows in (self._steps, self._changes, self._pulled, self._stretched):
                 del rows[0]
             self._bent, self._seen = self._bent[1:, 1:], self._seen[1:, 1:]
         step, change = np.ascontiguousarray(step), np.ascontiguousarray(change)
         self._steps.append(step)
         self._changes.append(change)
-        self._stretched.append(self._stretch(step))
+        self._pulled.append(self._pull(step))
+        self._stretched.append(self._pulled[-1] + self._diagonal * step)
         self._bent = _bordered(self._bent, [dot(step, other) for other in self._stretched])
         self._seen = _bordered(self._seen, [dot(step, other) for other in self._changes])
 
-    def _stretch(self, step):
-        """B0 s (n,)."""
+    def rebased(self, diagonal):
+        """The SecantMetric of the same pairs over diag(diagonal) + coupling A; same bits as new.
+
+        Products with A and those of steps with changes are taken over.
+        """
+        other = SecantMetric(Secants.none(len(diagonal)), self._stiffness, self._coupling, diagonal)
+        other._steps, other._changes = list(self._steps), list(self._changes)
+        other._pulled, other._seen = list(self._pulled), self._seen
+        for step, pulled in zip(self._steps, self._pulled):
+            other._stretched.append(pulled + diagonal * step)
+            row = [dot(step, stretched) for stretched in other._stretched]
+            other._bent = _bordered(other._bent, row)
+        other._secants = self._secants
+        return other
+
+    def _pull(self, step):
+        """coupling A s (n,)."""
+        a, nothing = self._stiffness, np.zeros((0, len(step)), np.float32)
+        matrix = (a.indptr, a.indices, a.data, self._coupling, self._none)
         out = np.empty(len(step))
         with threads_that_pay(len(step)):
-            multiply(*self._base, np.zeros((0, len(step)), np.float32), np.zeros(0), step, out)
+            multiply(*matrix, nothing, np.zeros(0), step, out)
         return out
 
     @property
     def secants(self):
-        """The pairs that it knows, as Secants."""
-        shape = (-1, len(self._base[-1]))
-        return Secants(np.array(self._steps).reshape(shape), np.array(self._changes).reshape(shape))
+        """The pairs that it knows, as Secants: the same object until it learns another."""
+        if self._secants is None:
+            shape = (-1, len(self._diagonal))
+            steps, changes = (np.array(rows).reshape(shape) for rows in (self._steps, self._changes))
+            self._secants = Secants(steps, changes)
+        return self._secants
 
     def low_rank_part(self):
         """W and C of B = B0 + W^T C W.
@@ -100,7 +125,7 @@ class SecantMetric:
         learned : (2 k, n) float32 array
         core : (2 k, 2 k) float array
         """
-        diagonal = self._base[-1]
+        diagonal = self._diagonal
         bent, seen = np.diag(self._bent), np.diag(self._seen)
         if not len(bent):
             return np.zeros((0, len(diagonal)), np.float32), np.zeros((0, 0))

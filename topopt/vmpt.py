@@ -35,6 +35,8 @@ LEAST_CUT, MOST_CUT = 0.5, 0.1  # how much of a refused step the next trial keep
 class ProjectedGradient(Flow):
     """The method on one mesh; see `Flow` for the parameters."""
 
+    _learnt = None  # the last step's SecantMetric: spares work if the next step goes on from it
+
     def advance(self, loop):
         """Take one step: the new LoopState, or None if nothing decreases J any more."""
         advanced = self._descend(loop, loop.secants)
@@ -46,7 +48,7 @@ class ProjectedGradient(Flow):
         """One step in the metric that the secants give, or None if J cannot be made to fall."""
         rule = loop.rule
         metric = rule.metric(self.mass, concavity(self.model, loop.phi, loop.state))
-        learnt = SecantMetric(secants, self.energy.stiffness, self.gamma * self.energy.eps, metric)
+        learnt = self._metric_that_knows(secants, metric)
         step, trial = self._informed_step(loop, metric, learnt)
         direction = step.x - loop.phi
         slope = float(loop.gradient @ direction)
@@ -64,10 +66,17 @@ class ProjectedGradient(Flow):
                 tau = self._tau(metric)
                 there = self._arrive(phi, state, rule, loop.history, secants, tau, effort)
                 learnt.learn(there.phi - loop.phi, there.gradient - loop.gradient)
+                self._learnt = learnt
                 return replace(there, secants=learnt.secants)
             share *= cut(share * slope, after - loop.objective)
             rule = rule.rejected()
         return None
+
+    def _metric_that_knows(self, secants, diagonal):
+        """The SecantMetric of the pairs over the base diag(diagonal) + gamma eps A."""
+        if self._learnt is not None and self._learnt.secants is secants:
+            return self._learnt.rebased(diagonal)
+        return SecantMetric(secants, self.energy.stiffness, self.gamma * self.energy.eps, diagonal)
 
     def _informed_step(self, loop, metric, learnt):
         """The step of the programme whose metric knows how J bends along the steps before it.
@@ -79,21 +88,21 @@ class ProjectedGradient(Flow):
         step : StepSolution
         found : Foresight
         """
-        found, start = Foresight(self.mass, loop.state.displacements), loop.phi
-        for asked in range(PRODUCTS + 1):
-            low_rank = learnt.low_rank_part()
-            programme = self._programme(loop, metric, low_rank, draft=asked < PRODUCTS)
-            step = solve_step(programme, start)
-            start = step.x
+        found, step = Foresight(self.mass, loop.state.displacements), None
+        drafts = PRODUCTS
+        while True:
+            programme = self._programme(loop, metric, learnt.low_rank_part(), draft=drafts > 0)
+            step = solve_step(programme, loop.phi if step is None else step.x)
             found.systems += step.iterations
+            if drafts == 0:
+                return step, found
             direction = step.x - loop.phi
-            slope = float(loop.gradient @ direction)
-            if asked == PRODUCTS or not slope < -LEAST_DECREASE * abs(loop.objective):
-                break
-            bend, response = self.curvature_along(loop, direction, found.change(direction))
-            found.add(direction, response)
-            learnt.learn(direction, bend)
-        return step, found
+            falls = float(loop.gradient @ direction) < -LEAST_DECREASE * abs(loop.objective)
+            drafts = drafts - 1 if falls else 0
+            if falls:
+                bend, response = self.curvature_along(loop, direction, found.change(direction))
+                found.add(direction, response)
+                learnt.learn(direction, bend)
 
     def curvature_along(self, loop, direction, guess=None):
         """J''(phi) d (n,) along a direction d (n,), and the model's Response to it.

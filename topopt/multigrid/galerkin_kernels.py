@@ -216,3 +216,15 @@ def galerkin(
                     ap_indptr, ap_indices, ap_blocks, c_indptr, c_indices, c_blocks,
                 )  # fmt: skip
             _mirror_row(g, np.int64(place[g]), np.int64(c_indptr[g + 1]), c_transposed, c_blocks)
+
+
+@njit(**OPTIONS)
+def whole_blocks(lower, blocks):
+    """Blocks (n, n, b, b) of the symmetric matrix (n b, n b) whose lower half is given."""
+    b = blocks.shape[2]
+    for g in range(blocks.shape[0]):
+        for h in range(g + 1):
+            for i in range(b):
+                for j in range(b):
+                    if h < g or j <= i:
+                        blocks[g, h, i, j] = blocks[h, g, j, i] = lower[g * b + i, h * b + j]

@@ -13,7 +13,6 @@ bandwidth that takes the time.
 
 import numpy as np
 from scipy.linalg import lapack
-from scipy.sparse import bsr_array
 from threadpoolctl import ThreadpoolController
 
 from meshes.errors import NotConverged
@@ -135,25 +134,25 @@ class Level:
 
     def invert(self, blas):
         """On the coarsest level: the dense inverse in blocks, by Cholesky in double precision."""
-        size = self.pattern.rows * self.width
-        matrix = bsr_array((self.blocks, *self.pattern.signed), shape=(size, size))
-        dense = matrix.toarray().astype(float)
+        nodes, width = self.pattern.rows, self.width
+        size = nodes * width
+        dense = np.zeros((nodes, width, nodes, width))
+        rows = np.repeat(np.arange(nodes), np.diff(self.pattern.indptr))
+        dense.transpose(0, 2, 1, 3)[rows, self.pattern.indices] = self.blocks
+        dense = dense.reshape(size, size).T  # symmetric: the order LAPACK wants, without a copy
         dense[np.diag_indices(size)] *= 1.0 + COARSEST_SHIFT
         with blas.limit(limits=1, user_api="blas"):
-            factor, failed = lapack.dpotrf(dense, lower=0)
+            factor, failed = lapack.dpotrf(dense, lower=0, clean=0, overwrite_a=1)
             if not failed:
-                inverse, failed = lapack.dpotri(factor, lower=0)
+                inverse, failed = lapack.dpotri(factor, lower=0, overwrite_c=1)
         if failed:
             raise NotConverged(
                 "the coarsest multigrid matrix is not positive definite: the supports leave a "
                 "motion free, or the stiffness contrast is beyond single precision; use "
                 "solver: direct."
             )
-        upper = np.triu(inverse)
-        inverse = (upper + np.triu(upper, 1).T).astype(SINGLE)
-        nodes, width = self.pattern.rows, self.width
-        by_blocks = inverse.reshape(nodes, width, nodes, width).transpose(0, 2, 1, 3)
-        self.dense_inverse = np.ascontiguousarray(by_blocks)
+        self.dense_inverse = np.empty((nodes, nodes, width, width), SINGLE)
+        galerkin_kernels.whole_blocks(inverse.T, self.dense_inverse)
 
 
 class Hierarchy:
