@@ -1,7 +1,8 @@
 """The proof that a run hands over with its design: optimality, and a check of the derivatives.
 
 The state is solved anew, to a tight tolerance, so that nothing in the certificate rests on the
-loose solves of the way. The derivatives are compared with central differences of J itself.
+loose solves of the way. The derivatives are compared with central differences of J itself, whose
+states need not be as exact: the compliance errs by the square of the state's residual.
 """
 
 from dataclasses import asdict, dataclass
@@ -11,6 +12,7 @@ import numpy as np
 from topopt.kkt import KKT
 
 STATE_TOLERANCE = 1e-8
+DIFFERENCE_TOLERANCE = 1e-6  # of the states on both sides
 DIRECTIONS = 2
 LONGEST_CHANGE = 1e-4  # of phi at any node, in the differences
 
@@ -107,12 +109,12 @@ def check_derivative(flow, phi, state, gradient, rng):
     direction *= np.where(flow.upper > flow.lower, 1.0, 0.0)
     direction /= np.abs(direction).max(initial=1e-300)
     derivative, t = float(gradient @ direction), LONGEST_CHANGE
-    values = []
+    values, start = [], state.displacements
     for sign in (1.0, -1.0):
         moved = phi + sign * t * direction
-        values.append(
-            flow.objective(moved, flow.model.solve(moved, state.displacements, STATE_TOLERANCE))
-        )
+        there = flow.model.solve(moved, start, DIFFERENCE_TOLERANCE, near=True)
+        values.append(flow.objective(moved, there))
+        start = 2.0 * state.displacements - there.displacements  # to second order in t
     difference = (values[0] - values[1]) / (2.0 * t)
     size = max(abs(derivative), abs(difference)) or 1.0
     return DerivativeCheck(derivative, difference, t, abs(derivative - difference) / size)

@@ -126,7 +126,7 @@ class ElasticModel:
         points, fixed = mesh.points[self._order], conditions.fixed[self._order]
         self._solver = make_solver(solver, reference, rigid_body_modes(points, fixed))
         self._lifts = self._imposed_displacements(reference)
-        self._matrix, self._ready_for = reference, None
+        self._matrix, self._ready_for, self._stresses = reference, None, None
 
     @property
     def volumes(self):
@@ -199,26 +199,35 @@ class ElasticModel:
         factor : (m,) float array
             Of the stiffness on each tet.
         """
-        result = self._stress_forces(displacement, factor)
+        result = self._stress_forces(self._stress(displacement), factor)
         springs = self.conditions.springs
         return result if springs is None else result + springs.forces(displacement)
 
-    def _stress_forces(self, displacement, factor):
-        """Forces (n, 3) [N] of the stress of a displacement (n, 3), the factor as above."""
-        stress, result = np.empty((len(factor), 6)), np.empty(displacement.shape)
+    def _stress(self, displacement):
+        """Stress (m, 6) [Pa] of a displacement (n, 3) at full stiffness: xx, yy, zz, xy, yz, zx."""
+        stress = np.empty((len(self.mesh.tets), 6))
         kernels.stresses(
             np.ascontiguousarray(displacement),
             self.mesh.tets,
             self.geometry.gradients,
             self.material.lame_lambda,
             self.material.lame_mu,
-            factor * self.volumes,
             stress,
         )
-        corners = self.geometry.corners
-        gradients = self.geometry.gradients
-        kernels.stress_forces(corners.start, corners.places, gradients, stress, result)
+        return stress
+
+    def _stress_forces(self, stress, factor):
+        """Forces (n, 3) [N] of stresses (m, 6) at full stiffness, the factor as above."""
+        corners, result = self.geometry.corners, np.empty(self.mesh.points.shape)
+        weights, gradients = factor * self.volumes, self.geometry.gradients
+        kernels.stress_forces(corners.start, corners.places, gradients, weights, stress, result)
         return result
+
+    def _stresses_of(self, state):
+        """Stresses (m, 6) of every load case of a State, kept while the same one is asked for."""
+        if self._stresses is None or self._stresses[0] is not state:
+            self._stresses = state, [self._stress(u) for u in state.displacements]
+        return self._stresses[1]
 
     def reactions(self, phi, state, k=0):
         """Forces R = K u - f (n, 3) [N] that rigid supports exert in load case k; 0 elsewhere."""
@@ -227,7 +236,7 @@ class ElasticModel:
         reactions = self.internal_forces(state.displacements[k], factor) - forces
         return np.where(self.conditions.fixed, reactions, 0.0)
 
-    def solve(self, phi, start=None, tolerance=1e-6):
+    def solve(self, phi, start=None, tolerance=1e-6, near=False):
         """Displacement, compliance and energy density for nodal values phi (n,).
 
         Parameters
@@ -237,6 +246,8 @@ class ElasticModel:
             Where the iterations start: the last displacements; (n, 3) will do for one load case.
         tolerance : float
             Relative residual asked for.
+        near : bool
+            Whether phi is so near that of the last solve that its hierarchy will do.
 
         Returns
         -------
@@ -248,13 +259,12 @@ class ElasticModel:
             If no solver reaches the tolerance.
         """
         began = time.perf_counter()
-        factor = stiffness_factor(phi, self.mesh.tets, self.material.void_ratio)
-        assembled = self._prepare(phi, factor)
+        assembled = self._prepare(phi, near)
         prepared = time.perf_counter()
         cases, shape = self.conditions.cases, self.mesh.points.shape
         starts = [None] * len(cases) if start is None else np.reshape(start, (-1, *shape))
         found = [
-            self._solve_case(self.forces(phi, case), lift, first, factor, tolerance)
+            self._solve_case(self.forces(phi, case), lift, first, phi, tolerance)
             for case, lift, first in zip(cases, self._lifts, starts, strict=True)
         ]
         errors = [self._solver.error_energy(solution.residual_vector) for *_, solution in found]
@@ -274,15 +284,16 @@ class ElasticModel:
             *seconds,
         )
 
-    def _prepare(self, phi, factor):
+    def _prepare(self, phi, near=False):
         """Make matrix and solver those of phi (n,); returns when the matrix was assembled."""
         if self._ready_for is not None and np.array_equal(phi, self._ready_for):
             return time.perf_counter()
         self._ready_for = None
+        factor = stiffness_factor(phi, self.mesh.tets, self.material.void_ratio)
         self._matrix = self._assembler.assemble(factor[self._tet_order], self._matrix)
         assembled = time.perf_counter()
-        self._solver.update(self._matrix)
-        self._ready_for = np.array(phi)
+        self._solver.update(self._matrix, near)
+        self._ready_for = None if near else np.array(phi)
         return assembled
 
     def response(self, phi, state, direction, tolerance=1e-2, start=None):
@@ -308,23 +319,22 @@ class ElasticModel:
         K u' = f' - K' u, with K' the stiffness matrix for the change of C(phi), and f' the weight
         of the material that comes in; u' = 0 on the supports.
         """
-        tets, r = self.mesh.tets, self.material.void_ratio
-        self._prepare(phi, stiffness_factor(phi, tets, r))
-        slope = stiffness_slope(phi, direction, tets, r)
-        displacements, iterations, density = [], 0, np.zeros(len(tets))
-        starts = np.zeros_like(state.displacements) if start is None else start
-        triples = zip(self.conditions.cases, state.displacements, starts, strict=True)
-        for case, u, first in triples:
-            forces = -self._stress_forces(u, slope)
+        self._prepare(phi)
+        slope = stiffness_slope(phi, direction, self.mesh.tets, self.material.void_ratio)
+        displacements, iterations, density = [], 0, np.zeros(len(slope))
+        cases = self.conditions.cases
+        starts = [None] * len(cases) if start is None else start
+        for case, stress, first in zip(cases, self._stresses_of(state), starts, strict=True):
+            forces = self._stress_forces(stress, -slope)
             if case.gravity and np.any(self.gravity):
                 forces += self.body_force(direction)
             change, _, solution = self._solve(forces, first, tolerance)
-            density += 2.0 * case.weight * self.energy_density(u, change)  # w is quadratic
+            density += 2.0 * case.weight * self._stress_work(stress, change)  # w is quadratic
             displacements.append(change)
             iterations += solution.iterations
         return Response(np.stack(displacements), density, iterations)
 
-    def _solve_case(self, forces, lift, start, factor, tolerance):
+    def _solve_case(self, forces, lift, start, phi, tolerance):
         """Displacement (n, 3), compliance and Solution of one load case.
 
         With u = U + v, U the lift, K v = f - K U and F = f.u + (f - K u).u = 2 f.U - U.K U
@@ -334,6 +344,7 @@ class ElasticModel:
             displacement, second_order, solution = self._solve(forces, start, tolerance)
             work = np.where(self.conditions.fixed, 0.0, forces)
             return displacement, float(np.vdot(work, displacement)) + second_order, solution
+        factor = stiffness_factor(phi, self.mesh.tets, self.material.void_ratio)
         held = self.internal_forces(lift, factor)
         rest = forces - held
         start = None if start is None else start - lift
@@ -351,21 +362,18 @@ class ElasticModel:
         second_order = float(np.vdot(solution.residual_vector, solution.displacement))
         return displacement, second_order, solution
 
-    def energy_density(self, displacement, other=None):
-        """Return w = eps(u) : C_mat : eps(v) (m,) [J/m^3] on each tet, for u and v (n, 3) [m].
-
-        v = u if no other is given.
-        """
+    def energy_density(self, displacement):
+        """Return w = eps(u) : C_mat : eps(u) (m,) [J/m^3] on each tet, for u (n, 3) [m]."""
         result = np.empty(len(self.mesh.tets))
-        kernels.energy_density(
-            displacement,
-            displacement if other is None else other,
-            self.mesh.tets,
-            self.geometry.gradients,
-            self.material.lame_lambda,
-            self.material.lame_mu,
-            result,
-        )
+        lame = (self.material.lame_lambda, self.material.lame_mu)
+        kernels.energy_density(displacement, self.mesh.tets, self.geometry.gradients, *lame, result)
+        return result
+
+    def _stress_work(self, stress, displacement):
+        """Stresses (m, 6) [Pa] times the strains of a displacement (n, 3): (m,) [J/m^3]."""
+        result = np.empty(len(stress))
+        tets, gradients = self.mesh.tets, self.geometry.gradients
+        kernels.stress_work(stress, displacement, tets, gradients, result)
         return result
 
 

@@ -21,23 +21,21 @@ def _strain(displacement, tets, gradients, e):
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def energy_density(first, second, tets, gradients, lame_lambda, lame_mu, result):
-    """result[e] = lambda tr(eps) tr(eta) + 2 mu eps : eta, eps and eta the two strains."""
+def energy_density(displacement, tets, gradients, lame_lambda, lame_mu, result):
+    """result[e] = lambda tr(eps)^2 + 2 mu eps : eps."""
     for e in prange(tets.shape[0]):
-        xx, yy, zz, xy, yz, zx = _strain(first, tets, gradients, e)
-        xx2, yy2, zz2, xy2, yz2, zx2 = _strain(second, tets, gradients, e)
-        traces = (xx + yy + zz) * (xx2 + yy2 + zz2)
-        product = xx * xx2 + yy * yy2 + zz * zz2 + 2.0 * (xy * xy2 + yz * yz2 + zx * zx2)
-        result[e] = lame_lambda * traces + 2.0 * lame_mu * product
+        xx, yy, zz, xy, yz, zx = _strain(displacement, tets, gradients, e)
+        trace = xx + yy + zz
+        square = xx * xx + yy * yy + zz * zz + 2.0 * (xy * xy + yz * yz + zx * zx)
+        result[e] = lame_lambda * trace * trace + 2.0 * lame_mu * square
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def stresses(displacement, tets, gradients, lame_lambda, lame_mu, volumes, result):
-    """result[e] = volume times lambda tr(eps) + 2 mu eps, as xx, yy, zz, xy, yz, zx (m, 6)."""
+def stresses(displacement, tets, gradients, lame_lambda, lame_mu, result):
+    """result[e] = lambda tr(eps) + 2 mu eps, as xx, yy, zz, xy, yz, zx (m, 6)."""
     for e in prange(tets.shape[0]):
         xx, yy, zz, xy, yz, zx = _strain(displacement, tets, gradients, e)
-        trace = lame_lambda * volumes[e] * (xx + yy + zz)
-        twice = 2.0 * lame_mu * volumes[e]
+        trace, twice = lame_lambda * (xx + yy + zz), 2.0 * lame_mu
         result[e, 0], result[e, 1], result[e, 2] = (
             trace + twice * xx,
             trace + twice * yy,
@@ -47,8 +45,17 @@ def stresses(displacement, tets, gradients, lame_lambda, lame_mu, volumes, resul
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def stress_forces(start, corners, gradients, stress, result):
-    """result[i] = the forces at node i of the stresses (m, 6) on the tets around it.
+def stress_work(stress, displacement, tets, gradients, result):
+    """result[e] = the stress (m, 6) on tet e times the strain there."""
+    for e in prange(tets.shape[0]):
+        xx, yy, zz, xy, yz, zx = _strain(displacement, tets, gradients, e)
+        normal = stress[e, 0] * xx + stress[e, 1] * yy + stress[e, 2] * zz
+        result[e] = normal + 2.0 * (stress[e, 3] * xy + stress[e, 4] * yz + stress[e, 5] * zx)
+
+
+@njit(cache=True, parallel=True, error_model="numpy")
+def stress_forces(start, corners, gradients, weights, stress, result):
+    """result[i] = the forces at node i of weights[e] times the stresses (m, 6) on the tets around.
 
     corners[start[i]:start[i + 1]] = 4 e + a: node i is corner a of tet e.
     """
@@ -56,7 +63,8 @@ def stress_forces(start, corners, gradients, stress, result):
         x = y = z = 0.0
         for k in range(start[i], start[i + 1]):
             e, a = corners[k] >> 2, corners[k] & 3
-            gx, gy, gz = gradients[e, a, 0], gradients[e, a, 1], gradients[e, a, 2]
+            w = weights[e]
+            gx, gy, gz = w * gradients[e, a, 0], w * gradients[e, a, 1], w * gradients[e, a, 2]
             x += stress[e, 0] * gx + stress[e, 3] * gy + stress[e, 5] * gz
             y += stress[e, 3] * gx + stress[e, 1] * gy + stress[e, 4] * gz
             z += stress[e, 5] * gx + stress[e, 4] * gy + stress[e, 2] * gz

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import coo_matrix
 
 from meshes.errors import InvalidMesh
 from topopt import geometry_kernels as kernels
@@ -32,6 +33,18 @@ class TetGeometry:
     def corners(self):
         """The NodeCorners of the mesh."""
         return NodeCorners(self.tets, len(self.lumped_mass))
+
+    @cached_property
+    def stiffness(self):
+        """A, a_ij = int grad N_i . grad N_j [m], as CSR (n, n) with sorted int32 indices."""
+        g = self.gradients
+        local = np.einsum("eai,ebi->eab", g, g) * self.volumes[:, None, None]
+        rows, columns = np.repeat(self.tets, 4, axis=1), np.tile(self.tets, (1, 4))
+        entries = (local.ravel(), (rows.ravel(), columns.ravel()))
+        n = len(self.lumped_mass)
+        matrix = coo_matrix(entries, shape=(n, n)).tocsr()
+        matrix.sort_indices()
+        return matrix
 
 
 class NodeCorners:

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
 
 from topopt.geometry import tet_geometry
 
@@ -52,17 +51,6 @@ def interface_width(eps):
     return np.pi * eps / np.sqrt(2.0)
 
 
-def stiffness_matrix(geometry, tets, n_points):
-    """Return A, a_ij = int grad N_i . grad N_j [m], as CSR (n, n) with sorted int32 indices."""
-    gradients = geometry.gradients
-    local = np.einsum("eai,ebi->eab", gradients, gradients) * geometry.volumes[:, None, None]
-    rows, columns = np.repeat(tets, 4, axis=1), np.tile(tets, (1, 4))
-    entries = (local.ravel(), (rows.ravel(), columns.ravel()))
-    matrix = coo_matrix(entries, shape=(n_points, n_points)).tocsr()
-    matrix.sort_indices()
-    return matrix
-
-
 class GinzburgLandau:
     """The energy on one mesh.
 
@@ -91,7 +79,7 @@ class GinzburgLandau:
         self.eps = float(eps)
         self.potential = POTENTIALS[potential]
         self.mass = geometry.lumped_mass
-        self.stiffness = stiffness_matrix(geometry, mesh.tets, len(mesh.points))
+        self.stiffness = geometry.stiffness
 
     def energy(self, phi):
         """E(phi) [m^2] of nodal values (n,)."""

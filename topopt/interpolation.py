@@ -28,7 +28,7 @@ def stiffness_factor(phi, tets, void_ratio):
 
 def stiffness_slope(phi, direction, tets, void_ratio):
     """Derivative (m,) of `stiffness_factor` at phi (n,) along a direction (n,)."""
-    none = np.zeros(len(tets))
+    none = np.zeros(0)
     return (1.0 - void_ratio) * _slopes(phi, direction, tets, none, none)[0]
 
 
@@ -59,8 +59,8 @@ def mean_cube_bend(phi, direction, tets, still, moving, corners=None):
 
 
 def _slopes(phi, direction, tets, still, moving):
-    """Slope (m,) and local (m, 4) of the kernel `mean_cube_slope`."""
-    slope, local = np.empty(len(tets)), np.empty((len(tets), 4))
+    """Slope (m,) and local (m, 4) of the kernel `mean_cube_slope`; no local without weights."""
+    slope, local = np.empty(len(tets)), np.empty((len(still), 4))
     fields = (np.ascontiguousarray(values, dtype=float) for values in (phi, direction))
     weights = (np.ascontiguousarray(values, dtype=float) for values in (still, moving))
     kernels.mean_cube_slope(*fields, tets, *weights, slope, local)

@@ -24,8 +24,10 @@ def mean_cube(phi, tets, result):
 def mean_cube_slope(phi, direction, tets, still, moving, slope, local):
     """slope[e] = sum_a s_a d_a / 120, how mean(phi^3) changes on tet e along the direction d.
 
-    local[e, a] = (still[e] s'_a + moving[e] s_a) / 120 with s'_a the change of s_a along d.
+    local[e, a] = (still[e] s'_a + moving[e] s_a) / 120 with s'_a the change of s_a along d; left
+    out if it is empty.
     """
+    slope_only = local.shape[0] == 0
     for e in prange(tets.shape[0]):
         p1 = p2 = d1 = d2 = 0.0
         for a in range(4):
@@ -38,7 +40,8 @@ def mean_cube_slope(phi, direction, tets, still, moving, slope, local):
         for a in range(4):
             value, change = phi[tets[e, a]], direction[tets[e, a]]
             here = 3.0 * (p1 * p1 + p2) + 6.0 * value * (p1 + value)
-            bend = 6.0 * (p1 * d1 + d2 + change * (p1 + value) + value * (d1 + change))
             along += here * change
-            local[e, a] = (still[e] * bend + moving[e] * here) / 120.0
+            if not slope_only:
+                bend = 6.0 * (p1 * d1 + d2 + change * (p1 + value) + value * (d1 + change))
+                local[e, a] = (still[e] * bend + moving[e] * here) / 120.0
         slope[e] = along / 120.0

@@ -63,8 +63,11 @@ class LinearSolver(Protocol):
 
     name: str
 
-    def update(self, matrix):
-        """Take a new matrix (bsr_array in 3 x 3 blocks) with the pattern of this mesh."""
+    def update(self, matrix, near=False):
+        """Take a new matrix (bsr_array in 3 x 3 blocks) with the pattern of this mesh.
+
+        Where it is `near` the last one, what was set up for that may stay.
+        """
 
     def solve(self, right_side, start=None, tolerance=1e-6) -> Solution:
         """Solve K u = right_side (n, 3) to |f - K u| <= tolerance |f|, from `start` (n, 3).
@@ -84,7 +87,7 @@ class DirectSolver:
 
     name = "direct"
 
-    def update(self, matrix):
+    def update(self, matrix, near=False):
         self._matrix = matrix
         try:
             self._factors = splu(
@@ -133,7 +136,7 @@ class PyamgSolver:
         self._modes = modes.reshape(-1, modes.shape[2])
         self._max_iterations = max_iterations
 
-    def update(self, matrix):
+    def update(self, matrix, near=False):
         self._matrix = bsr_matrix(matrix)
         smoother = ("block_gauss_seidel", {"sweep": "symmetric"})
         self._hierarchy = pyamg.smoothed_aggregation_solver(
@@ -194,9 +197,10 @@ class FallbackSolver:
     def __init__(self, makers):
         self._makers = list(makers)
         self._solvers = [self._makers[0](), *[None] * (len(self._makers) - 1)]
+        self._ready = -1
 
-    def update(self, matrix):
-        self._matrix = matrix
+    def update(self, matrix, near=False):
+        self._matrix, self._near = matrix, near and self._ready == 0
         self._ready = -1  # the last solver that has taken this matrix
 
     def solve(self, right_side, start=None, tolerance=1e-6):
@@ -219,7 +223,7 @@ class FallbackSolver:
         if self._ready < k:
             if self._solvers[k] is None:
                 self._solvers[k] = self._makers[k]()
-            self._solvers[k].update(self._matrix)
+            self._solvers[k].update(self._matrix, self._near and k == 0)
             self._ready = k
 
 

@@ -43,9 +43,14 @@ class MultigridSolver:
         self._chunks = self.hierarchy.levels[0].chunks
         self._partial = np.zeros((len(self._chunks) - 1, 3))
 
-    def update(self, matrix):
-        """Take a new matrix (bsr_array in 3 x 3 blocks) with the pattern of this solver."""
+    def update(self, matrix, near=False):
+        """Take a new matrix (bsr_array in 3 x 3 blocks) with the pattern of this solver.
+
+        Where it is `near` the last one, the hierarchy stays: a preconditioner need not be exact.
+        """
         self._matrix = (matrix.indptr.view(INDEX), matrix.indices.view(INDEX), matrix.data)
+        if near:
+            return
         with threads_that_pay(self.hierarchy.levels[0]):
             self.hierarchy.update(matrix.data)
 
