@@ -113,7 +113,9 @@ class SecantMetric:
         """The pairs that it knows, as Secants: the same object until it learns another."""
         if self._secants is None:
             shape = (-1, len(self._diagonal))
-            steps, changes = (np.array(rows).reshape(shape) for rows in (self._steps, self._changes))
+            steps, changes = (
+                np.array(rows).reshape(shape) for rows in (self._steps, self._changes)
+            )
             self._secants = Secants(steps, changes)
         return self._secants
 
