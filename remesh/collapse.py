@@ -132,6 +132,50 @@ def enough_edges(halves, links, h, drop):
     return True
 
 
+@kernel
+def collapse_half_edge(
+    halves, links, rows, counts, h, sigma2, longest2, limits, fan_a, fan_b, mark
+):  # fmt: skip
+    """Collapse an edge to the end that leaves better triangles, if it may be; whether it was.
+
+    fan_a, fan_b, mark : scratch; `mark` (0) is left 0.
+    """
+    g = halves[h, TWIN]
+    a, b = halves[h, ORIGIN], halves[following(h), ORIGIN]
+    va, vb = links[a, BASE], links[b, BASE]
+    a_three = links[va, KIND] == INTERIOR and links[va, EDGES] == 3
+    b_three = links[vb, KIND] == INTERIOR and links[vb, EDGES] == 3
+    if not enough_edges(halves, links, h, a_three or b_three) or (a_three and b_three):
+        return False
+    count_a, closed_a = ring(halves, links, va, fan_a)
+    count_b, closed_b = ring(halves, links, vb, fan_b)
+    if count_a == 0 or count_b == 0 or count_a + count_b > MOST_NEIGHBOURS:
+        return False
+    common = common_neighbours(
+        halves, links, fan_a, count_a, closed_a, fan_b, count_b, closed_b, mark
+    )
+    if common != (2 if g >= 0 else 1):
+        return False
+    a_right = halves[following(g), ORIGIN] if g >= 0 else a
+    b_right = halves[g, ORIGIN] if g >= 0 else b
+    without_a, without_b = -1.0, -1.0
+    if may_go(halves, links, h, va) and not b_three:
+        without_a = outcome(
+            rows, halves, fan_a, count_a, a, b, b_right, vb, links, sigma2, longest2, limits
+        )
+    if may_go(halves, links, h, vb) and not a_three:
+        without_b = outcome(
+            rows, halves, fan_b, count_b, b, a, a_right, va, links, sigma2, longest2, limits
+        )
+    if without_a < 0.0 and without_b < 0.0:
+        return False
+    if without_a >= without_b:
+        collapse_edge(halves, links, counts, h, True, fan_a, count_a)
+    else:
+        collapse_edge(halves, links, counts, h, False, fan_b, count_b)
+    return True
+
+
 @allocating
 def sweep_collapses(
     halves, links, rows, counts, sigma2, shortest2, longest2, limits, at_most, chosen, mark
@@ -145,41 +189,16 @@ def sweep_collapses(
             continue
         if not (chosen[h // 3] or (g >= 0 and chosen[g // 3])):
             continue
-        a, b = halves[h, ORIGIN], halves[following(h), ORIGIN]
-        va, vb = links[a, BASE], links[b, BASE]
-        a_three = links[va, KIND] == INTERIOR and links[va, EDGES] == 3
-        b_three = links[vb, KIND] == INTERIOR and links[vb, EDGES] == 3
+        va = links[halves[h, ORIGIN], BASE]
+        vb = links[halves[following(h), ORIGIN], BASE]
+        three = links[va, KIND] == INTERIOR and links[va, EDGES] == 3
+        three |= links[vb, KIND] == INTERIOR and links[vb, EDGES] == 3
         length2 = squared_edge(rows, halves, h, sigma2)
-        if length2 > shortest2 and not (a_three or b_three):
+        if length2 > shortest2 and not three:
             continue
-        if not enough_edges(halves, links, h, a_three or b_three) or (a_three and b_three):
-            continue
-        count_a, closed_a = ring(halves, links, va, fan_a)
-        count_b, closed_b = ring(halves, links, vb, fan_b)
-        if count_a == 0 or count_b == 0 or count_a + count_b > MOST_NEIGHBOURS:
-            continue
-        common = common_neighbours(
-            halves, links, fan_a, count_a, closed_a, fan_b, count_b, closed_b, mark
-        )
-        if common != (2 if g >= 0 else 1):
-            continue
-        a_right = halves[following(g), ORIGIN] if g >= 0 else a
-        b_right = halves[g, ORIGIN] if g >= 0 else b
         bound2 = 4.0 * longest2 if length2 < 0.25 * shortest2 else longest2
-        without_a, without_b = -1.0, -1.0
-        if may_go(halves, links, h, va) and not b_three:
-            without_a = outcome(
-                rows, halves, fan_a, count_a, a, b, b_right, vb, links, sigma2, bound2, limits
-            )
-        if may_go(halves, links, h, vb) and not a_three:
-            without_b = outcome(
-                rows, halves, fan_b, count_b, b, a, a_right, va, links, sigma2, bound2, limits
-            )
-        if without_a < 0.0 and without_b < 0.0:
-            continue
-        if without_a >= without_b:
-            collapse_edge(halves, links, counts, h, True, fan_a, count_a)
-        else:
-            collapse_edge(halves, links, counts, h, False, fan_b, count_b)
-        done += 1
+        if collapse_half_edge(
+            halves, links, rows, counts, h, sigma2, bound2, limits, fan_a, fan_b, mark
+        ):
+            done += 1
     return done

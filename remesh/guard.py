@@ -91,6 +91,12 @@ def star_quality(rows, halves, fan, count, star, sigma2):
 
 
 @kernel
+def reaches(quality, limits):
+    """Whether angles and agreement reach their limits (see `no_worse`)."""
+    return quality[0] >= limits[0] and quality[1] >= limits[1] and quality[2] >= limits[2]
+
+
+@kernel
 def no_worse(after, before, limits):
     """Whether angles and agreement after a move reach their limits, or have not fallen.
 

@@ -13,7 +13,6 @@ from remesh.connectivity import (
     MAX_RING,
     ORIGIN,
     PARAMETER,
-    ROWS,
     following,
     ring,
 )
@@ -32,7 +31,7 @@ TURN_PER_ROW, TURN_PER_SWEEP = 2.4, 1.9  # [radians], so that directions differ
 def optimise_vertices(
     work, sigma, steps, power=2, least_angle3=0.0, weight3=0.0, least_agreement=0.3,
     only_below=180.0, sweeps=1, directions=4, hold=None, hold_weight=0.0,
-    along_curves=0.0,
+    along_curves=0.0, listed=None,
 ):  # fmt: skip
     """Search around each vertex for a place with better triangles; return (moved, visited).
 
@@ -69,16 +68,19 @@ def optimise_vertices(
     along_curves : float [unit of the points]
         If positive, vertices on curves are moved too; no edge of a crease may come to be farther
         from its curve than this and than before.
+    listed : (k,) int array, optional
+        Vertices to visit; all if not given.
     """
+    listed = work.base_rows() if listed is None else listed
     tangent3 = math.tan(math.radians(least_angle3))
     settings = np.array([sigma**2, power, least_angle3, weight3, least_agreement, tangent3], float)
     if np.ndim(steps) == 0:
         steps = np.full(len(work.links), float(steps))
     if hold is None:
-        hold = np.zeros((len(work.links), 9))
+        hold, hold_weight = np.zeros((1, 9)), 0.0
     return sweep_search(
-        work.halves, work.links, work.rows, work.counts, settings, steps, only_below, sweeps,
-        directions, hold, hold_weight, along_curves, work.carrier.reference, work.curves,
+        work.halves, work.links, work.rows, listed, settings, steps, only_below, sweeps, directions,
+        hold, hold_weight, along_curves, work.carrier.reference, work.curves,
     )  # fmt: skip
 
 
@@ -184,8 +186,8 @@ def wake_neighbours(halves, links, fan, count, steps):
 
 @allocating
 def sweep_search(
-    halves, links, rows, counts, settings, steps, only_below, sweeps, directions, hold,
-    hold_weight, along_curves, reference, curves,
+    halves, links, rows, listed, settings, steps, only_below, sweeps, directions, hold, hold_weight,
+    along_curves, reference, curves,
 ):  # fmt: skip
     """Passes of the pattern search in index order; returns (moved, visited) of the last."""
     fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
@@ -196,8 +198,9 @@ def sweep_search(
     moved, visited = 0, 0
     for sweep in range(sweeps):
         moved, visited = 0, 0
-        for v in range(counts[ROWS]):
-            if links[v, BASE] != v or links[v, KIND] == CORNER or steps[v] < SHORTEST_STEP:
+        for index in range(listed.size):
+            v = listed[index]
+            if links[v, KIND] == CORNER or steps[v] < SHORTEST_STEP:
                 continue
             on_curve = links[v, KIND] == CURVE
             count, closed = ring(halves, links, v, fan)

@@ -12,6 +12,7 @@ from remesh.embedding import smallest_angles
 from remesh.flip import DELAUNAY, VALENCE, flip_edges
 from remesh.follow import fit_curves, split_far_edges
 from remesh.insert import insert_beside_short_edges
+from remesh.mend import raise_worst
 from remesh.optimise import optimise_vertices
 from remesh.relieve import relieve_gaps
 from remesh.shape_kernels import area_and_moments
@@ -20,12 +21,12 @@ from remesh.sweeps import FIRST_LENGTH, PliantLoop, length_for_count
 from remesh.tips import keep_tips
 
 LAST_AGREEMENT = 0.2
-COUNT_ROUNDS, COUNT_TOLERANCE = 8, 0.01  # searches end when the count is as near as that
+COUNT_ROUNDS, COUNT_TOLERANCE = 8, 0.005  # searches end when the count is as near as that
 COARSER = 1.25  # times the distance allowed between feature edges and curves, each round
 FARTHEST = 0.03  # of the target length: largest gap, and that of creases from their edges
 DIRECTIONS, WORST_DIRECTIONS = 3, 6  # of the general search and of that for the worst
 CURVE_ANGLE = 22.0  # [degrees] that fitting curves may leave in 3D
-SPARED = {True: 0.9, False: 0.982}  # of the 3D angle aimed at, what smaller gaps may leave
+MEND_FARTHEST = 0.033  # of the target length: creases from their edges where angles are mended
 LEAST_AGREEMENT, RELIEFS = 0.1, 3
 MOST_INSERTED, FILL_ROUNDS = 0.005, 3  # share of the vertices
 THIN = 18.0  # [degrees] below which a triangle at a held short edge gets a vertex
@@ -52,6 +53,8 @@ class Recipe:
         Least cosine between triangles and the surface's normals at their corners.
     least3 : float [degrees]
         3D angle that the searches try to reach.
+    floor : float [degrees]
+        3D angle that every triangle has at the end where that can be had.
     weight3 : float
         Its weight in the cost of the general search.
     loop_least3 : float [degrees]
@@ -81,7 +84,8 @@ class Recipe:
     short: float = 0.7
     long: float = 1.4
     agreement: float = 0.3
-    least3: float = 38.0
+    least3: float = 39.2
+    floor: float = 39.0
     weight3: float = 0.0
     loop_least3: float = 8.0
     first_search: tuple = (2, 2, 6)
@@ -127,6 +131,7 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
         improve_worst(work, recipe, length)
         if not recipe.embedded:  # thin in 3D is what sigma asks for
             relieve_short_edges(work, recipe, length)
+        mend_worst(work, recipe, length)
     if settings.fit and settings.smoothing == 0:
         relieve(work, gaps, recipe, length, settings.optimise)
     progress("optimise", 1.0)
@@ -137,14 +142,16 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
 
 def relieve(work, gaps, recipe, length, search):
     """Make the largest gaps smaller, in turn with a search for the worst angles."""
-    least3 = SPARED[recipe.embedded] * recipe.least3
-    limits = (20.0 if recipe.embedded else 0.0, least3, LEAST_AGREEMENT)
+    limits = (20.0 if recipe.embedded else 0.0, recipe.floor, LEAST_AGREEMENT)
     for i in range(RELIEFS):
         if i > 0:
             improve_worst(work, recipe, length)
         left = relieve_gaps(work, FARTHEST * length, recipe.final_sigma, limits, gaps.on_carrier)
-        if not search or (left == 0 and least_angle(work) > least3):
+        if not search:
             return
+        if left == 0 and least_angle(work) > recipe.floor:
+            break
+    mend_worst(work, recipe, length)
 
 
 def least_angle(work):
@@ -206,7 +213,7 @@ def meet_count_and_curves(work, loop, recipe, length, vertices):
         if abs(work.vertices - vertices) <= COUNT_TOLERANCE * vertices:
             return None
         asked = vertices - (work.vertices - before)
-        if turn > 0:
+        if turn > 2:
             farthest *= COARSER
     return loop.meet_count(vertices, length)
 
@@ -296,9 +303,15 @@ def improve_worst(work, recipe, length, sweeps=20):
         )  # fmt: skip
     else:
         optimise_vertices(
-            work, 0.0, WORST_STEP, 8, recipe.least3, 20.0, recipe.agreement, recipe.least3, sweeps,
+            work, 0.0, WORST_STEP, 2, recipe.least3, 20.0, recipe.agreement, recipe.least3, sweeps,
             directions=WORST_DIRECTIONS, along_curves=farthest,
         )  # fmt: skip
+
+
+def mend_worst(work, recipe, length):
+    """Change edges around triangles below the floor, where the search does not reach it."""
+    farthest = MEND_FARTHEST * length
+    raise_worst(work, recipe.floor, recipe.final_sigma, recipe.agreement, farthest)
 
 
 def choose_recipe(settings, mesh, jagged):
@@ -315,17 +328,17 @@ def choose_recipe(settings, mesh, jagged):
     if settings.sigma > 0.0:
         if jagged:
             return Recipe(
-                settings.sigma, settings.sigma, AREA, least3=12.0, weight3=1.0,
+                settings.sigma, settings.sigma, AREA, least3=12.0, floor=11.9, weight3=1.0,
                 fits=(0.02,), ridge=0.17, first_search=(2, 3),
                 later_search=(4,), last_search=(4,), hold=0.7, last_fit=0.06,
             )  # fmt: skip
         holds_shape = (
             len(label_boundaries(mesh)) > 0 and longest_stretch(settings, mesh) < STRETCHED
         )
-        least3 = 24.0 if holds_shape else 12.0
+        least3, floor = (24.0, 21.7) if holds_shape else (12.0, 11.9)
         return Recipe(
             LOOP_SIGMA * settings.sigma, settings.sigma, AREA, agreement=0.2, least3=least3,
-            weight3=1.0, fits=(0.02, 0.02, 0.02), order=3, hold=0.28,
+            floor=floor, weight3=1.0, fits=(0.02, 0.02, 0.02), order=3, hold=0.28,
         )  # fmt: skip
     size = extent(mesh)
     if jagged:

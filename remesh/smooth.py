@@ -19,7 +19,7 @@ from remesh.connectivity import (
     ring,
 )
 from remesh.embedding import as_tangents, fourfold_area, squared_length, triangle_normal
-from remesh.guard import gather_star, no_worse, star_quality
+from remesh.guard import gather_star, no_worse, reaches, star_quality
 from remesh.moves import (
     curve_neighbours,
     move_inside,
@@ -151,6 +151,7 @@ def sweep_smoothing(
     fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
     shift, point, four = np.empty(3), np.empty(9), np.empty(4)
     saved, saved_hints = np.empty((2, 8)), np.empty(2, np.int64)
+    tried, tried_hints = np.empty((2, 8)), np.empty(2, np.int64)
     moved = 0
     for v in range(counts[ROWS]):
         if links[v, BASE] != v or links[v, KIND] == CORNER or not chosen[v]:
@@ -169,8 +170,8 @@ def sweep_smoothing(
                 halves, rows, v, fan, count, sigma2, weights, factor, target, clip, shift
             )
         gather_star(halves, rows, fan, count, star)
-        before = star_quality(rows, halves, fan, count, star, sigma2)
         save_vertex(rows, links, v, saved, saved_hints)
+        before, known = (0.0, 0.0, 0.0), False
         scale, accepted = 1.0, False
         for _ in range(TRIALS):
             if on_curve:
@@ -178,7 +179,16 @@ def sweep_smoothing(
                 slide(halves, links, rows, v, fan, count, parameter, curves, point)
             else:
                 move_inside(rows, links, v, saved[0], shift, scale, reference, point)
-            if no_worse(star_quality(rows, halves, fan, count, star, sigma2), before, limits):
+            after = star_quality(rows, halves, fan, count, star, sigma2)
+            if reaches(after, limits):
+                accepted = True
+                break
+            if not known:  # seldom asked for
+                save_vertex(rows, links, v, tried, tried_hints)
+                restore_vertex(rows, links, v, saved, saved_hints)
+                before, known = star_quality(rows, halves, fan, count, star, sigma2), True
+                restore_vertex(rows, links, v, tried, tried_hints)
+            if no_worse(after, before, limits):
                 accepted = True
                 break
             scale *= SHORTER_STEP

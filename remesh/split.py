@@ -147,6 +147,29 @@ def split_agreement(halves, rows, h, left, right):
     return least
 
 
+@kernel
+def split_half_edge(
+    halves, links, rows, labels, counts, h, least_agreement, reference, curves, point
+):  # fmt: skip
+    """Split an edge in its middle, on the surface or its curve, for which there is room.
+
+    Returns the new vertex, -1 where triangles would agree less than asked with the normals.
+    """
+    if halves[h, CREASE] >= 0:
+        s_a, s_b = span(halves, links, rows, curves, h)
+        left, right = vertex_on_curve(
+            halves, links, rows, counts, h, 0.5 * (s_a + s_b), curves, point
+        )
+    else:
+        left = midpoint_inside(halves, links, rows, counts, h, reference, point)
+        right = left
+    if split_agreement(halves, rows, h, left, right) < least_agreement:
+        free_vertex(links, counts, left)
+        return -1
+    split_edge(halves, links, counts, labels, h, left, right)
+    return left
+
+
 @allocating
 def sweep_splits(
     halves, links, rows, labels, counts, sigma2, longest2, least_agreement, at_most,
@@ -163,17 +186,8 @@ def sweep_splits(
             continue
         if not room(halves, links, counts, 2, 2):
             return done, True
-        if halves[h, CREASE] >= 0:
-            s_a, s_b = span(halves, links, rows, curves, h)
-            left, right = vertex_on_curve(
-                halves, links, rows, counts, h, 0.5 * (s_a + s_b), curves, point
-            )
-        else:
-            left = midpoint_inside(halves, links, rows, counts, h, reference, point)
-            right = left
-        if split_agreement(halves, rows, h, left, right) < least_agreement:
-            free_vertex(links, counts, left)
-            continue
-        split_edge(halves, links, counts, labels, h, left, right)
-        done += 1
+        made = split_half_edge(
+            halves, links, rows, labels, counts, h, least_agreement, reference, curves, point
+        )
+        done += 1 if made >= 0 else 0
     return done, False
