@@ -10,6 +10,7 @@ from meshes.closest_point_kernels import STACK
 from meshes.distance_bound_kernels import MOST_WAITING, bound_faces
 from meshes.quality import face_normals
 
+BLOCK = 32  # faces that are searched from the one before; the next block begins anew
 SHARP = 0.97  # of the largest distance at vertices and centroids: bounds below need not be sharp
 
 
@@ -20,12 +21,14 @@ class FaceBounds:
     Parameters
     ----------
     upper, lower : (m,) float arrays
-        The largest distance of the face's points from the other surface lies between the two.
+        The largest distance of the face's points from the other surface lies between the two;
+        `lower` is 0 where nothing had to be found out about it.
     angle : (m,) float array [degrees]
         Every point of the face has a point of the other surface within the limit whose normal
         differs by no more.
     place : (m, 3) float array
-        A point of the face as far away as `lower` says.
+        A point of the face at least as far away as `lower` says; where that is below the floor,
+        one where the angle is largest.
     """
 
     upper: np.ndarray
@@ -65,8 +68,6 @@ def face_bounds(mesh, search, limit=np.inf, floor=0.0, angle=90.0, chosen=None):
     faces = mesh.faces if chosen is None else mesh.faces[chosen]
     corners = np.ascontiguousarray(mesh.points[faces].reshape(-1, 9))
     normals = np.ascontiguousarray(face_normals(mesh.points, faces))
-    found, _, _ = search.query(corners.reshape(-1, 3, 3).mean(axis=1))
-    hints = search.position[found].astype(np.int64)
     limits = (float(floor), float(min(limit, 1e150)), float(np.cos(np.radians(angle))))
     bounds, places = np.zeros((len(corners), 3)), np.zeros((len(corners), 3))
 
@@ -74,11 +75,11 @@ def face_bounds(mesh, search, limit=np.inf, floor=0.0, angle=90.0, chosen=None):
         nodes, squares = np.empty(STACK, dtype=np.int32), np.empty(STACK + 6)
         pieces = np.empty((MOST_WAITING + 4, 10))
         bound_faces(
-            corners, normals, hints, first, last, search.tree, search.neighbours, limits,
-            nodes, squares, pieces, bounds, places,
+            corners, normals, first * BLOCK, min(last * BLOCK, len(corners)), BLOCK, search.tree,
+            search.neighbours, limits, nodes, squares, pieces, bounds, places,
         )  # fmt: skip
 
-    in_chunks(work, len(corners), least=256)
+    in_chunks(work, -(-len(corners) // BLOCK), least=8)
     cosine = np.clip(bounds[:, 2], -1.0, 1.0)
     return FaceBounds(bounds[:, 0], bounds[:, 1], np.degrees(np.arccos(cosine)), places)
 

@@ -188,29 +188,35 @@ def halve(piece, pieces, depth):
 
 @kernel
 def bound_faces(
-    corners, normals, hints, first, last, tree, neighbours, limits, nodes, squares, pieces,
+    corners, normals, first, last, block, tree, neighbours, limits, nodes, squares, pieces,
     bounds, places,
 ):  # fmt: skip
     """Fill bounds (m, 3) and places (m, 3) for the triangles first ... last.
 
     Parameters
     ----------
-    corners : (m, 9), normals : (m, 3), hints : (m,) places in the tree, -1 for none
+    corners : (m, 9), normals : (m, 3)
+    block : faces are searched from the place of the one before, but the first of every block
     limits : (floor, limit, cosine)
         Upper bounds below the floor need not be sharp; the normal is looked for within `limit`;
         cosines above the last are good enough.
     nodes (STACK,) int32, squares (STACK,), pieces (MOST_WAITING + 4, 10)
         Room to work in.
     bounds : upper and lower bound of the largest distance, lower bound of the cosine
-    places : a point where the lower bound is taken
+    places : a point where the lower bound is taken, or if that is below the floor the cosine's
     """
     floor, limit, goal = limits
     piece, sides, best_sides = pieces[MOST_WAITING + 3], squares[:3], squares[3:6]
-    room = squares[6:]
+    room, t = squares[6:], 0
     for f in range(first, last):
         upper, lower, cosine = 0.0, 0.0, 1.0
         pieces[0, :9] = corners[f]
-        pieces[0, 9] = max(hints[f], 0)
+        if (f - first) % block == 0:
+            x, y, z = corners[f, 0], corners[f, 1], corners[f, 2]
+            t = closest_in_tree(x, y, z, 0, 0.0, 0.0, FAR, tree, nodes, room)[0]
+        pieces[0, 9] = t
+        for d in range(3):
+            places[f, d] = (corners[f, d] + corners[f, 3 + d] + corners[f, 6 + d]) / 3.0
         depth, count = 1, 0
         while depth:
             depth -= 1
@@ -219,14 +225,18 @@ def bound_faces(
             cx = (piece[0] + piece[3] + piece[6]) / 3.0
             cy = (piece[1] + piece[4] + piece[7]) / 3.0
             cz = (piece[2] + piece[5] + piece[8]) / 3.0
-            t, square = nearest(cx, cy, cz, int(piece[9]), tree, neighbours, nodes, room)
-            piece[9] = t
-            if square > lower * lower:
-                lower = math.sqrt(square)
-                places[f, 0], places[f, 1], places[f, 2] = cx, cy, cz
+            t, v, w, square = walk(cx, cy, cz, int(piece[9]), tree[3], neighbours)
             radius = radius_about(piece, cx, cy, cz)
             most, which = corner_distance(piece, tree[3][t])
             bound = min(math.sqrt(most), math.sqrt(square) + radius)
+            if bound > floor:  # what the walk has found is not near enough
+                t, v, w, square = closest_in_tree(cx, cy, cz, t, v, w, square, tree, nodes, room)
+                if square > lower * lower:
+                    lower = math.sqrt(square)
+                    places[f, 0], places[f, 1], places[f, 2] = cx, cy, cz
+                most, which = corner_distance(piece, tree[3][t])
+                bound = min(math.sqrt(most), math.sqrt(square) + radius)
+            piece[9] = t
             if bound > floor and bound > ENOUGH * lower:
                 x, y, z = piece[3 * which], piece[3 * which + 1], piece[3 * which + 2]
                 _, square = nearest(x, y, z, t, tree, neighbours, nodes, room)
@@ -247,6 +257,8 @@ def bound_faces(
                     or full
                     or count > MOST_FOR_NORMALS
                 ):
+                    if here < cosine and lower <= floor:
+                        places[f, 0], places[f, 1], places[f, 2] = cx, cy, cz
                     upper, cosine = max(upper, bound), min(cosine, here)
                     continue
                 depth = halve(piece, pieces, depth)

@@ -16,12 +16,12 @@ import numpy as np
 
 from meshes import TriMesh
 from meshes.closest_point import ClosestPoint
-from meshes.distance_bound import face_bounds
 from meshes.self_intersection import self_intersecting_faces
 from remesh.bounded_collapse import collapse_within
 from remesh.bounded_insert import insert_points
+from remesh.bounded_mend import untangle
 from remesh.bounded_mesh import FIXED, BoundedMesh
-from remesh.bounded_proof import BoundProof
+from remesh.bounded_proof import BoundProof, closest
 from remesh.bounded_relax import relax_within
 from remesh.dense import dense_triangulation
 from remesh.finish import on_plane
@@ -31,17 +31,16 @@ from remesh.triangle_surface import TriangleSurface
 SAFETY = 0.97  # share of the bound that samples may use
 DENSE_SHARE = 0.08  # of the bound: how far the triangulation of an interpolant may lie off
 RELAXATIONS = 2
-MOST_INSERTIONS = 20
+MOST_INSERTIONS = 30
 RINGS = 1  # around missed faces, whose vertices move
 FIRST_INSERTION = 2  # before, vertices and edges are moved alone
-MOST_STUCK = 4  # turns that leave as many faces
+MOST_STUCK = 3  # turns that leave as many faces
 LAST_MOVES = 9  # after, nothing moves any more
-SIMILAR = 30.0  # degrees: bounds of normals below need not be sharp
+MOST_MENDED = 6
 ATTEMPTS = 4
 STRICTER = 0.8  # angle between normals that samples may have, where it did not hold
 LESS = 0.1  # of the squared bound, where triangles crossed or the bound did not hold
 LEAST_AGREEMENT = 0.2
-INVERTED = 90.0  # degrees
 
 
 @dataclass(frozen=True)
@@ -171,39 +170,32 @@ def simplify_within(mesh, limits, fix_boundary=False, corner_angle=45.0, progres
     share = np.ones(len(mesh.points))
     crossed = None
     for attempt in range(ATTEMPTS):
-        work = BoundedMesh(mesh, fix_boundary, corner_angle)
+        work = BoundedMesh(mesh, limits.error, fix_boundary, corner_angle)
         work.lower_shares(share)
         angle = limits.normal_angle
         stricter = angle * STRICTER**attempt if angle < 180.0 else angle
         coarsen(work, replace(limits, normal_angle=stricter), progress)
-        inserted, missed, proved = make_sure(work, limits)
+        inserted, missed, proof = make_sure(work, limits)
         progress(0.9)
-        result, alive = work.to_mesh()
+        result, alive = proof.mesh, proof.alive
         if limits.min_length > 0.0:
             missed = missed[:0]  # which may be why: no reason to begin again
         crossing = self_intersecting_faces(result.points, result.faces)
-        if not (crossing.any() or len(missed)) or attempt == ATTEMPTS - 1:
+        inverted = proof.inverted()
+        if not (crossing.any() or len(missed) or inverted.any()) or attempt == ATTEMPTS - 1:
             break
         if crossed is None:
             crossed = self_intersecting_faces(mesh.points, mesh.faces)
         near = vertices_near(mesh, result, crossing)
         near[mesh.faces[crossed]] = False
-        near |= vertices_near(mesh, result, np.isin(alive, missed))
+        near |= vertices_near(mesh, result, np.isin(alive, missed) | inverted)
         if not near.any():
             break
         share[near] *= LESS
-    limit = max(limits.error, proved)
-    other = ClosestPoint(result.points, result.faces)
-    of_result = face_bounds(result, work.search, limit, limit, SIMILAR)
-    of_mesh = face_bounds(mesh, other, limit, limit, SIMILAR)
     return BoundedResult(
-        result,
-        float(max(of_result.upper.max(), of_mesh.upper.max())),
-        float(max(of_mesh.angle.max(), of_result.angle.max())),
-        inserted,
-        int(crossing.sum()),
-        int((of_result.angle > INVERTED).sum()),
-    )
+        result, proof.proved, proof.normal_angle, inserted, int(crossing.sum()),
+        int(inverted.sum()),
+    )  # fmt: skip
 
 
 def coarsen(work, limits, progress):
@@ -231,32 +223,62 @@ def flatten(work):
 
 
 def make_sure(work, limits):
-    """Insert points of the original until the bound is proved.
+    """Insert points of the original until the bound is proved, and mend what is no surface.
 
     Returns
     -------
     inserted : int
     missed : int array
-        Faces of the work mesh for which it is not.
-    proved : float
-        The distance that is proved.
+        Faces of the work mesh for which it is not proved.
+    proof : BoundProof
+        Of the work mesh as it is.
     """
-    total, proof, before, stuck = 0, BoundProof(work, limits), 0, 0
+    total, proof, before, stuck, mended = 0, BoundProof(work, limits), 0, 0, 0
     for turn in range(MOST_INSERTIONS + 1):
         proof.renew()
         faces, places, targets = proof.missed()
         stuck = stuck + 1 if len(faces) == before else 0
         before = len(faces)
-        if before == 0 or turn == MOST_INSERTIONS or stuck == MOST_STUCK:
+        if turn == MOST_INSERTIONS:
             break
+        if before == 0 or stuck == MOST_STUCK:
+            changes = mend(work, limits, proof, faces, mended) if mended < MOST_MENDED else 0
+            if changes == 0:
+                break
+            mended, stuck = mended + 1, 0
+            continue
         work.add_samples(faces, targets)
         if turn >= FIRST_INSERTION:
-            curves = on_feature_edges(work.source, targets)
-            total += insert_points(work, faces, places, targets, curves, limits, turn < LAST_MOVES)
+            total += insert(work, faces, places, targets, limits, turn < LAST_MOVES)
         if turn < LAST_MOVES:
             relax_within(work, limits, 1, work.vertices_around(faces, RINGS))
         flatten(work)
-    return total, np.unique(faces), proof.proved
+    return total, np.unique(faces), proof
+
+
+def insert(work, faces, places, targets, limits, may_move):
+    """Put points of the original into faces; return how many."""
+    curves = on_feature_edges(work.source, targets)
+    return insert_points(work, faces, places, targets, curves, limits, may_move)
+
+
+def mend(work, limits, proof, missed, turn):
+    """Mend triangles that are inverted or stay missed, and put points into those that cross.
+
+    Returns how many changes were made.
+    """
+    mesh, alive = proof.mesh, proof.alive
+    wrong = np.union1d(alive[proof.against()], missed)
+    changes = untangle(work, wrong, limits, turn % 2 == 1) if len(wrong) else 0
+    places = proof.faces.place[alive]
+    crossing = self_intersecting_faces(mesh.points, mesh.faces)
+    places[crossing] = mesh.points[mesh.faces[crossing]].mean(axis=1)
+    chosen = np.flatnonzero(crossing | proof.far_normals())
+    if len(chosen):
+        targets = closest(work.search, work.source, places[chosen])[1]
+        changes += insert(work, alive[chosen], places[chosen], targets, limits, False)
+    flatten(work)
+    return changes
 
 
 def on_feature_edges(mesh, points):

@@ -9,9 +9,10 @@ import math
 
 import numpy as np
 
-from meshes.closest_point_kernels import FAR, STACK, closest_in_tree, walk
+from meshes.closest_point_kernels import FAR, STACK
 from remesh.bounded_kernels import (
     MOST_STAR,
+    STAR_WIDTH,
     WORSE,
     assign,
     fill_fan,
@@ -22,6 +23,7 @@ from remesh.bounded_kernels import (
     star_shape,
 )
 from remesh.bounded_mesh import FIXED, INSIDE
+from remesh.bounded_original import leaves_original
 from remesh.compiled import allocating, kernel
 from remesh.connectivity import following, preceding
 
@@ -30,7 +32,6 @@ PULL = 1e-4  # towards the middle of the edge, where the quadric leaves a direct
 LENGTH_COST = 1e-5  # of the squared edge: shorter ones first where the surface is flat
 LAST_SWEEPS, FEW = 3, 0.005
 NO_COST = -1.0
-WITHIN_V, WITHIN_W = (0.3, 0.7, 1.0 / 3.0), (0.0, 0.0, 1.0 / 3.0)  # of a star's triangles
 
 
 def collapse_within(work, limits, last_cost=LAST_COST):
@@ -64,7 +65,7 @@ def _sweep(work, cost, threshold, figures):
     room = len(work.samples[2])
     return sweep_collapses(
         work.state, work.samples, work.counts, cost, threshold**2, figures,
-        (work.search.tree, work.search.neighbours), work.centre,
+        work.reference, work.centre,
         np.empty(room, np.int64), np.empty(room, np.int64),
     )  # fmt: skip
 
@@ -249,39 +250,6 @@ def forget_costs(state, cost, v, ring):
             cost[preceding(h)] = -1.0
 
 
-@kernel
-def is_far(x, y, z, limit2, t, reference, nodes, squares):
-    """Whether a point is farther from the original than allowed; the place of the nearest seen."""
-    tree, neighbours = reference
-    t, v, w, least = walk(x, y, z, t, tree[3], neighbours)
-    if least > limit2:
-        t, _, _, least = closest_in_tree(x, y, z, t, v, w, least, tree, nodes, squares)
-    return least > limit2, t
-
-
-@kernel
-def far_from_original(star, count, x, limit2, t, reference, nodes, squares):
-    """Whether a star's vertex, or points within its triangles, are too far from the original.
-
-    t is the place of a triangle of the original nearby.
-    """
-    far, t = is_far(x[0], x[1], x[2], limit2, t, reference, nodes, squares)
-    start = t
-    for i in range(count):
-        for k in range(3):  # one and two thirds along the spoke, and the centroid
-            v = WITHIN_V[k]
-            w = WITHIN_W[k]
-            if far:
-                return True
-            far, t = is_far(
-                x[0] + v * star[i, 3] + w * star[i, 6],
-                x[1] + v * star[i, 4] + w * star[i, 7],
-                x[2] + v * star[i, 5] + w * star[i, 8],
-                limit2, start if k == 0 else t, reference, nodes, squares,
-            )  # fmt: skip
-    return far
-
-
 @allocating
 def sweep_collapses(
     state, samples, counts, cost, threshold2, figures, reference, centre, pool, found
@@ -294,7 +262,7 @@ def sweep_collapses(
     corner, twin, _, _, first, kind, points, normals, _ = state
     limit2, least_shape, least_agreement, cosine, _, _, _, shortest2 = figures
     ring_u, ring_v = np.empty(MOST_STAR, np.int64), np.empty(MOST_STAR, np.int64)
-    fan, star = np.empty((2 * MOST_STAR, 6), np.int64), np.empty((2 * MOST_STAR, 12))
+    fan, star = np.empty((2 * MOST_STAR, 6), np.int64), np.empty((2 * MOST_STAR, STAR_WIDTH))
     q, x, normal, one = np.empty(11), np.empty(3), np.empty(3), np.empty((1, 3))
     nodes, squares = np.empty(STACK, np.int32), np.empty(STACK)
     done = 0
@@ -349,9 +317,9 @@ def sweep_collapses(
         allowed = FAR if forced else limit2
         if measure(state, samples, fan, star, count, x, pool, filled, allowed, cosine, found) < 0:
             continue
-        if filled > 0 and not forced:
+        if filled > 0:
             t = samples[6][pool[0]]
-            if far_from_original(star, count, x, limit2, t, reference, nodes, squares):
+            if leaves_original(star, count, x, allowed, t, reference, nodes, squares):
                 continue
         join(state, cost, h, x)
         assign(samples, fan, count, pool, filled, found)

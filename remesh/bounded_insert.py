@@ -4,24 +4,26 @@ import math
 
 import numpy as np
 
-from meshes.closest_point_kernels import FAR, closest_on_triangle
+from meshes.closest_point_kernels import FAR, STACK, closest_on_triangle
 from remesh.bounded_kernels import (
     MOST_STAR,
+    STAR_WIDTH,
     assign,
+    complete_row,
     fill_fan,
     fill_star,
     gather,
+    least_sine,
     measure,
     ring_of,
-    star_shape,
 )
 from remesh.bounded_mesh import INSIDE, ON_CURVE
+from remesh.bounded_original import inverted_count, place_near
 from remesh.compiled import allocating, kernel
 from remesh.connectivity import following, preceding
 
 MIDDLE = 0.12  # barycentric coordinate above which a point lies inside, not near an edge
 LEAST_SHAPE = 0.01  # height over longest edge, of the triangles that a point makes
-LEAST_AGREEMENT = 0.0
 LEAST_HALVED = 36.0  # of the squared bound: an edge cut in its middle
 
 
@@ -46,8 +48,9 @@ def insert_points(work, faces, places, targets, on_curves, limits, may_move=True
     work.reserve(len(faces))
     room = len(work.samples[2])
     return sweep_inserts(
-        work.state, work.samples, work.counts, limits.figures(), faces, places, targets,
-        on_curves, may_move, np.empty(room, np.int64), np.empty(room, np.int64),
+        work.state, work.samples, work.counts, limits.figures(), work.reference,
+        faces, places, targets, on_curves, may_move,
+        np.empty(room, np.int64), np.empty(room, np.int64),
     )  # fmt: skip
 
 
@@ -171,25 +174,57 @@ def put_row(fan, i, face, p, q):
 
 
 @kernel
-def fits(state, fan, star, count, normal, x, figures, one):
-    """Whether the triangles of a fan are well shaped with their common vertex at x."""
-    fill_star(state[6], fan, count, x, star)
-    shape, agree, _ = star_shape(state, fan, star, count, normal, figures, one)
-    return shape > LEAST_SHAPE and agree > LEAST_AGREEMENT
+def fill_face(points, corner, f, star, i):
+    """Row i of a star for face f as it is."""
+    a, b, c = corner[3 * f], corner[3 * f + 1], corner[3 * f + 2]
+    for d in range(3):
+        star[i, d] = points[a, d]
+        star[i, 3 + d] = points[b, d] - points[a, d]
+        star[i, 6 + d] = points[c, d] - points[a, d]
+    complete_row(star, i)
 
 
 @kernel
-def move_corner(state, samples, v, x, figures, ring, fan, star, one, pool, found):
+def place_of(samples, pool, filled, x, reference, nodes, squares):
+    """A place of the original near x: that of a sample, if there is one."""
+    if filled > 0:
+        return samples[6][pool[0]]
+    t, _, _, _ = place_near(x[0], x[1], x[2], -1.0, 0, reference, nodes, squares)
+    return t
+
+
+@kernel
+def fits(star, count, before, t, reference, nodes, squares):
+    """Whether a star's triangles are well shaped, and none lies against the original's normals.
+
+    Unless there were such triangles before.
+    """
+    for i in range(count):
+        if not least_sine(star, i)[0] > LEAST_SHAPE:
+            return False
+    return before > 0 or inverted_count(star, count, t, reference, nodes, squares) == 0
+
+
+@kernel
+def move_corner(state, samples, v, x, original, room):
     """Move a vertex inside of a patch to x, if that leaves good triangles; whether it moved."""
-    _, twin, _, _, first, kind, points, normals, _ = state
+    _, twin, _, _, first, kind, points, _, _ = state
+    reference, nodes, squares = original
+    fan, star, ring, _, pool, found = room
     if kind[v] != INSIDE:
         return False
     count = fill_fan(state, v, ring, ring_of(twin, first, v, ring), -1, fan, 0)
-    if count == 0 or not fits(state, fan, star, count, normals[v], x, figures, one):
+    if count == 0:
         return False
     filled = 0
     for i in range(count):
         filled = gather(samples[0], samples[1], fan[i, 0], pool, filled)
+    t = place_of(samples, pool, filled, x, reference, nodes, squares)
+    fill_star(points, fan, count, points[v], star)
+    before = inverted_count(star, count, t, reference, nodes, squares)
+    fill_star(points, fan, count, x, star)
+    if not fits(star, count, before, t, reference, nodes, squares):
+        return False
     for d in range(3):
         points[v, d] = x[d]
     measure(state, samples, fan, star, count, x, pool, filled, FAR, -1.0, found)
@@ -247,27 +282,34 @@ def choose_split(points, corner, f, weights, attempt, shortest2, x, target):
 
 
 @kernel
-def split_at(state, samples, counts, h, inside, x, figures, room):
+def split_at(state, samples, counts, h, inside, x, shortest2, original, room):
     """Split the face or the edge of half-edge h at x, if that leaves good triangles.
 
-    Returns whether it did. room : (fan, star, ring, one, normal, pool, found)
+    Returns whether it did. original : (reference, nodes, squares);
+    room : (fan, star, ring, normal, pool, found)
     """
     corner, twin, crease, _, first, _, points, normals, _ = state
-    fan, star, ring, one, normal, pool, found = room
+    reference, nodes, squares = original
+    fan, star, ring, normal, pool, found = room
     g = -1 if inside else twin[h]
     a, b = corner[h], corner[following(h)]
     square = 0.0
     for d in range(3):
         square += (points[a, d] - points[b, d]) ** 2
-    if square < 4.0 * figures[7]:
-        return False
-    mean_normal(normals, a, b, normal)
-    count = split_fan(corner, h, g, inside, fan)
-    if not fits(state, fan, star, count, normal, x, figures, one):
+    if square < 4.0 * shortest2:
         return False
     filled = gather(samples[0], samples[1], h // 3, pool, 0)
+    fill_face(points, corner, h // 3, star, 0)
     if g >= 0:
         filled = gather(samples[0], samples[1], g // 3, pool, filled)
+        fill_face(points, corner, g // 3, star, 1)
+    t = place_of(samples, pool, filled, x, reference, nodes, squares)
+    before = inverted_count(star, 2 if g >= 0 else 1, t, reference, nodes, squares)
+    count = split_fan(corner, h, g, inside, fan)
+    fill_star(points, fan, count, x, star)
+    if not fits(star, count, before, t, reference, nodes, squares):
+        return False
+    mean_normal(normals, a, b, normal)
     curved = not inside and crease[h] == 1
     m = put_vertex(state, counts, ON_CURVE if curved else INSIDE, normal, x)
     if inside:
@@ -283,14 +325,16 @@ def split_at(state, samples, counts, h, inside, x, figures, room):
 
 @allocating
 def sweep_inserts(
-    state, samples, counts, figures, faces, places, targets, on_curves, may_move, pool, found
-):
+    state, samples, counts, figures, reference, faces, places, targets, on_curves, may_move,
+    pool, found,
+):  # fmt: skip
     """Split faces or edges at points, or move corners there; returns the number of splits."""
     corner, twin, crease, _, first, _, points, _, _ = state
-    fan, star = np.empty((MOST_STAR, 6), np.int64), np.empty((MOST_STAR, 12))
-    ring, one, triangle = np.empty(MOST_STAR, np.int64), np.empty((1, 3)), np.empty(12)
+    fan, star = np.empty((MOST_STAR, 6), np.int64), np.empty((MOST_STAR, STAR_WIDTH))
+    ring, triangle = np.empty(MOST_STAR, np.int64), np.empty(12)
     x, halved2 = np.empty(3), LEAST_HALVED * figures[0]
-    room = (fan, star, ring, one, np.empty(3), pool, found)
+    room = (fan, star, ring, np.empty(3), pool, found)
+    original = (reference, np.empty(STACK, np.int32), np.empty(STACK))
     touched = np.zeros(samples[0].size, np.bool_)
     done = 0
     for i in range(faces.size):
@@ -306,9 +350,7 @@ def sweep_inserts(
         begin = 0
         if weights[high] > 1.0 - MIDDLE:
             v, begin = corner[3 * f + high], 2
-            if may_move and move_corner(
-                state, samples, v, targets[i], figures, ring, fan, star, one, pool, found
-            ):
+            if may_move and move_corner(state, samples, v, targets[i], original, room):
                 count = fill_fan(state, v, ring, ring_of(twin, first, v, ring), -1, fan, 0)
                 for j in range(count):
                     touched[fan[j, 0]] = True
@@ -323,7 +365,7 @@ def sweep_inserts(
             if not inside and crease[h] == 1:
                 for d in range(3):
                     x[d] = on_curves[i, d]
-            if split_at(state, samples, counts, h, inside, x, figures, room):
+            if split_at(state, samples, counts, h, inside, x, figures[7], original, room):
                 touched[f] = True
                 if not inside and g >= 0:
                     touched[g // 3] = True

