@@ -2,8 +2,10 @@
 
     python benchmarks/remesh_invariance.py [NAME ...] [--rotations K] [--data FOLDER]
 
-sigma is absolute. One line per input and motion: vertices, mean and worst smallest angle, and their
-changes in per cent. Same connectivity is asked of powers of two alone.
+sigma is absolute. One line per input and motion: vertices, mean and worst smallest angle, mean 6D
+angle at sigma = 0.05 of the diagonal, rms distance (1e-5 of the diagonal of the input as it lies),
+and their changes in per cent. Same connectivity is asked of powers of two alone. The metrics are
+those of `surface_metrics.py`, which needs trimesh and libigl.
 """
 
 import argparse
@@ -15,12 +17,11 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from benchmarks.remesh import ASKS, turned  # noqa: E402
+from benchmarks.remesh import ASKS, SIGMA, turned  # noqa: E402
 from meshes import TriMesh  # noqa: E402
 from meshes.features import find_features  # noqa: E402
 from meshes.io import read_surface  # noqa: E402
 from remesh import RemeshSettings, remesh  # noqa: E402
-from remesh.embedding import smallest_angles  # noqa: E402
 
 SCALES = (1e-3, 1e3, 0.7, 3.0, 2.0**-10, 2.0**10)
 
@@ -35,8 +36,11 @@ def motions(rotations):
     yield "translation", 1.0, 0, 3.0
 
 
+SAMPLES = 100_000
+
+
 def result_of(ask, plain, scale, seed, shift):
-    """The remeshed surface of a moved input."""
+    """A moved input, and its remeshed surface."""
     diagonal = plain.diagonal
     mesh = turned(TriMesh(plain.points, plain.faces), seed)
     mesh = mesh.with_points(scale * (mesh.points + shift * diagonal))
@@ -44,7 +48,21 @@ def result_of(ask, plain, scale, seed, shift):
     settings = RemeshSettings(
         vertices=ask.vertices, sigma=ask.sigma * diagonal * scale, smoothing=ask.smoothing
     )
-    return remesh(source, settings=settings).mesh
+    return mesh, remesh(source, settings=settings).mesh
+
+
+def figures_of(mesh, result, diagonal, evaluate):
+    """Vertices, mean and worst angle, mean 6D angle and rms distance of a result."""
+    ratio = diagonal / mesh.diagonal
+    found = evaluate(
+        mesh.points - mesh.points.mean(axis=0), mesh.faces.astype(np.int64),
+        result.points - mesh.points.mean(axis=0), result.faces.astype(np.int64),
+        sigma=SIGMA * ratio, samples=SAMPLES, do_selfint=False,
+    )  # fmt: skip
+    return np.array([
+        found["nV"], found["minang_mean"], found["minang_worst"], found["minang6_mean"],
+        1e5 * found["d_rms"] / ratio,
+    ])  # fmt: skip
 
 
 def main():
@@ -53,24 +71,29 @@ def main():
     parser.add_argument("names", nargs="*", help="inputs of benchmarks/remesh.py; all if none")
     parser.add_argument("--rotations", type=int, default=5)
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
+    parser.add_argument("--metrics", type=Path, default=ROOT.parent / "shared" / "measure")
     options = parser.parse_args()
-    print("input      motion           vertices  mean   worst   changes in %: count, mean, worst")
+    sys.path.insert(0, str(options.metrics))
+    from surface_metrics import evaluate
+
+    print("input      motion           vertices  mean  worst     A6    rms   changes in %")
     for ask in ASKS:
         if options.names and ask.name not in options.names:
             continue
         plain, first = read_surface(options.data / f"{ask.file}.ply"), None
+        changes = []
         for name, scale, seed, shift in motions(options.rotations):
-            mesh = result_of(ask, plain, scale, seed, shift)
-            angles = smallest_angles(mesh.points[mesh.faces])
-            found = np.array([len(mesh.points), angles.mean(), angles.min()])
-            first = (found, mesh.faces) if first is None else first
-            change = 100.0 * (found / first[0] - 1.0)
-            same = "  same connectivity" if np.array_equal(mesh.faces, first[1]) else ""
+            mesh, result = result_of(ask, plain, scale, seed, shift)
+            found = figures_of(mesh, result, scale * plain.diagonal, evaluate)
+            first = (found, result.faces) if first is None else first
+            changes.append(100.0 * (found / first[0] - 1.0))
+            same = "  same connectivity" if np.array_equal(result.faces, first[1]) else ""
             print(
-                f"{ask.name:10s} {name:16s} {len(mesh.points):8d} {found[1]:6.2f} {found[2]:6.2f}  "
-                f"{change[0]:+6.2f} {change[1]:+6.2f} {change[2]:+7.2f}{same}",
-                flush=True,
-            )
+                f"{ask.name:10s} {name:16s} {found[0]:8.0f}" + "%7.2f" * 4 % tuple(found[1:])
+                + "%+7.2f" * 5 % tuple(changes[-1]) + same, flush=True,
+            )  # fmt: skip
+        largest = np.abs(changes).max(axis=0)
+        print(f"{ask.name:10s} {'largest change':53s}" + "%7.2f" * 5 % tuple(largest), flush=True)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,9 @@
 
 import math
 
-from remesh.compiled import kernel
+import numpy as np
+
+from remesh.compiled import allocating, kernel
 from remesh.connectivity import (
     BASE,
     CREASE,
@@ -11,13 +13,16 @@ from remesh.connectivity import (
     IDEAL,
     INTERIOR,
     KIND,
+    MAX_RING,
     ORIGIN,
+    ROWS,
     TRIANGLES,
     TWIN,
     adjacent,
     flip_edge,
     following,
     preceding,
+    ring,
 )
 from remesh.embedding import (
     agreement,
@@ -28,6 +33,7 @@ from remesh.embedding import (
 )
 
 VALENCE, DELAUNAY, THESIS = 0, 1, 2
+FEW = 2  # share of the half-edges, as a divisor, up to which those to look at are listed
 LEAST_GAIN = 1e-8  # of the tangent of the least angle, for a flip
 
 
@@ -54,13 +60,46 @@ def flip_edges(work, sigma, limits, rule=DELAUNAY, passes=5, ridge_angle=60.0, c
     total = 0
     for _ in range(passes):
         done = sweep_flips(
-            work.halves, work.links, work.rows, work.counts, sigma**2, limits, rule,
+            work.halves, work.links, work.rows, near_dirty(work), sigma**2, limits, rule,
             math.cos(math.radians(ridge_angle)),
         )  # fmt: skip
         total += done
         if done == 0:
             break
     return total
+
+
+def near_dirty(work):
+    """Half-edges, in order, among which are those near a vertex with DIRTY = 1."""
+    everything = np.arange(3 * int(work.counts[TRIANGLES]))
+    room = everything.size // FEW
+    listed = np.empty(room + 3 * MAX_RING, np.int64)
+    count = list_near_dirty(work.halves, work.links, work.counts, room, listed)
+    return everything if count > room else np.unique(listed[:count])
+
+
+@allocating
+def list_near_dirty(halves, links, counts, most, listed):
+    """Write one half-edge of each edge of the triangles at vertices with DIRTY = 1 (some twice).
+
+    Returns how many; stops above `most`.
+    """
+    fan = np.empty(MAX_RING, np.int64)
+    found = 0
+    for v in range(counts[ROWS]):
+        if links[v, DIRTY] == 0 or links[v, BASE] != v:
+            continue
+        count, _ = ring(halves, links, v, fan)
+        for i in range(count):
+            h = fan[i]
+            for _ in range(2):  # the spoke, and the edge opposite to the vertex
+                if halves[h, TWIN] >= 0:
+                    listed[found] = min(h, halves[h, TWIN])
+                    found += 1
+                h = following(h)
+        if found > most:
+            break
+    return found
 
 
 @kernel
@@ -119,13 +158,14 @@ def flip_allowed(rows, a, b, c, d, limits):
 
 
 @kernel
-def sweep_flips(halves, links, rows, counts, sigma2, limits, rule, ridge_cosine):
-    """One pass over the edges near a vertex with DIRTY = 1; returns the number of flips.
+def sweep_flips(halves, links, rows, listed, sigma2, limits, rule, ridge_cosine):
+    """One pass over listed edges near a vertex with DIRTY = 1; returns the number of flips.
 
     Vertices whose edges changed are left with DIRTY = 1, all others with 0.
     """
     done = 0
-    for h in range(3 * counts[TRIANGLES]):
+    for index in range(listed.size):
+        h = listed[index]
         g = halves[h, TWIN]
         if halves[h, ORIGIN] < 0 or g < h or halves[h, CREASE] >= 0:
             continue

@@ -329,8 +329,8 @@ def choose_recipe(settings, mesh, jagged):
         if jagged:
             return Recipe(
                 settings.sigma, settings.sigma, AREA, least3=12.0, floor=11.9, weight3=1.0,
-                fits=(0.02,), ridge=0.17, first_search=(2, 3),
-                later_search=(4,), last_search=(4,), hold=0.7, last_fit=0.06,
+                fits=(0.02,), ridge=0.165, first_search=(2, 2),
+                later_search=(4,), last_search=(3,), hold=1.8, last_fit=0.045,
             )  # fmt: skip
         holds_shape = (
             len(label_boundaries(mesh)) > 0 and longest_stretch(settings, mesh) < STRETCHED
@@ -338,14 +338,17 @@ def choose_recipe(settings, mesh, jagged):
         least3, floor = (24.0, 21.7) if holds_shape else (12.0, 11.9)
         return Recipe(
             LOOP_SIGMA * settings.sigma, settings.sigma, AREA, agreement=0.2, least3=least3,
-            floor=floor, weight3=1.0, fits=(0.02, 0.02, 0.02), order=3, hold=0.28,
+            floor=floor, weight3=1.0, fits=(0.02, 0.02, 0.02), order=3, hold=0.34,
         )  # fmt: skip
     size = extent(mesh)
     if jagged:
-        return Recipe(0.0101 * size, 0.0, fits=(0.1,), ridge=0.03, delaunay_rounds=0)
+        return Recipe(
+            0.0101 * size, 0.0, fits=(0.1,), ridge=0.03, delaunay_rounds=0, first_search=(2, 2, 3),
+            later_search=(4,),
+        )  # fmt: skip
     return Recipe(
         0.0229 * size, 0.0, short=0.72, long=1.38, agreement=0.1, fits=(0.1, 0.1), order=3,
-        hold=0.18,
+        hold=0.24,
     )  # fmt: skip
 
 
