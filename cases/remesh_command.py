@@ -32,7 +32,9 @@ class Request:
     max_error : float, str or None
         In diagonals, or a text with a unit.
     max_normal_angle : float or None [degrees]
-    min_length, max_length : float [file units]
+    min_length : float [file units]
+    max_length : float or None [file units]
+    gradation : float or None
     sigma : float, str or None
         In diagonals, or a text with a unit; None: chosen from the surface.
     reference : "auto", "rbf" or "triangles"
@@ -64,6 +66,7 @@ class Request:
     max_normal_angle: float | None = None
     min_length: float = 0.0
     max_length: float | None = None
+    gradation: float | None = None
     sigma: float | str | None = None
     reference: str = "auto"
     fix_boundary: bool = False
@@ -118,6 +121,7 @@ def _remesh(
     max_normal_angle: float | None = None,
     min_length: float = 0.0,
     max_length: float | None = None,
+    gradation: float | None = None,
     sigma: str | None = None,
     reference: Literal["auto", "rbf", "triangles"] = "auto",
     fix_boundary: Annotated[bool, _flag()] = False,
@@ -153,9 +157,12 @@ def _remesh(
     max_normal_angle
         With --max-error: how far normals may differ, in degrees.
     min_length
-        With --max-error: shorter edges are collapsed whatever the error, in the file's unit.
+        Shorter edges are collapsed, whatever sigma or --max-error ask for, unless features need
+        them; in the file's unit.
     max_length
-        With --max-error: no longer edges are made.
+        No edge is longer than this.
+    gradation
+        How many times longer edges may be from one triangle to the next, such as 1.3.
     sigma
         Weight of the normals n, in bounding-box diagonals, or with a unit as 14mm: 0 for
         triangles of one size, more for smaller ones where the surface curves. If not given: 0.05,
@@ -195,9 +202,10 @@ def _remesh(
     return run_remesh(
         Request(
             source, destination, vertices, edge_length, _parse_length("--max-error", max_error),
-            max_normal_angle, min_length, max_length, _parse_length("--sigma", sigma), reference,
-            fix_boundary, fill_holes, not no_repair, keep_crossings, smooth, iterations,
-            algorithm, unit, seed, threads, json, picture, quiet, verbose,
+            max_normal_angle, min_length, max_length, gradation,
+            _parse_length("--sigma", sigma), reference, fix_boundary,
+            fill_holes, not no_repair, keep_crossings, smooth, iterations, algorithm, unit, seed,
+            threads, json, picture, quiet, verbose,
         )
     )  # fmt: skip
 
@@ -233,6 +241,7 @@ def _check(request):
     """Refuse what can be refused before anything is read."""
     if request.vertices is not None and request.edge_length is not None:
         raise InvalidCase("--vertices and --edge-length: only one of the two can be given")
+    _check_sizing(request)
     _check_bound(request)
     if request.vertices is not None and request.vertices < 4:
         raise InvalidCase(f"--vertices {request.vertices}: must be at least 4")
@@ -253,12 +262,28 @@ def _check(request):
     _check_places(request)
 
 
+def _check_sizing(request):
+    """Refuse limits of the lengths that make no sense."""
+    longest = float("inf") if request.max_length is None else request.max_length
+    if not longest > 0.0:
+        raise InvalidCase(f"--max-length {longest}: must be positive")
+    if not 0.0 <= request.min_length <= longest:
+        raise InvalidCase(f"--min-length {request.min_length}: must not be negative, nor above "
+                          f"--max-length {longest}")  # fmt: skip
+    graded = request.gradation is not None
+    if graded and not 1.0 < request.gradation < float("inf"):
+        raise InvalidCase(f"--gradation {request.gradation}: must be above 1, such as 1.3")
+    limited = request.min_length > 0.0 or request.max_length is not None
+    if request.algorithm == "thesis" and (limited or graded):
+        raise InvalidCase("--min-length, --max-length and --gradation: the thesis's algorithm "
+                          "knows none of them")  # fmt: skip
+
+
 def _check_bound(request):
     """Refuse options that make no sense with --max-error, or without it."""
     if request.max_error is None:
-        lengths = request.min_length != 0.0 or request.max_length is not None
-        if lengths or request.max_normal_angle is not None:
-            raise InvalidCase("--max-normal-angle, --min-length and --max-length need --max-error")
+        if request.max_normal_angle is not None:
+            raise InvalidCase("--max-normal-angle needs --max-error")
         return
     if request.max_error == 0.0:
         raise InvalidCase("--max-error 0: must be positive")
@@ -270,10 +295,6 @@ def _check_bound(request):
     angle = request.max_normal_angle
     if angle is not None and not 0.0 < angle <= 180.0:
         raise InvalidCase(f"--max-normal-angle {angle}: must be between 0 and 180")
-    longest = float("inf") if request.max_length is None else request.max_length
-    if not 0.0 <= request.min_length <= longest or longest <= 0.0:
-        raise InvalidCase(f"--min-length {request.min_length}: must not be negative, nor above "
-                          "--max-length")  # fmt: skip
 
 
 def _check_places(request):

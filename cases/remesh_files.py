@@ -208,15 +208,19 @@ def _prepared(request, surface, outcome, reporter):
 
 def _target(request, surface):
     """How fine, in the remesher's terms."""
-    if request.max_error is None:
-        return Target(request.vertices, request.edge_length).for_surface(surface)
     longest = request.max_length
+    sizing = {
+        "min_length": request.min_length,
+        "max_length": float("inf") if longest is None else longest,
+        "gradation": request.gradation,
+    }
+    if request.max_error is None:
+        return {**Target(request.vertices, request.edge_length).for_surface(surface), **sizing}
     return {
         "max_error": sigma_length(request.max_error, surface.diagonal, request.length),
         "max_normal_angle": request.max_normal_angle,
-        "min_length": request.min_length,
-        "max_length": float("inf") if longest is None else longest,
         "edge_length": request.edge_length,
+        **sizing,
     }
 
 
@@ -315,7 +319,12 @@ def _remarks(outcome):
     notes = [f"repaired: {'; '.join(report.lines())}"] if report.lines() else []
     asked = outcome.options.get("vertices")
     if asked is not None and abs(after["vertices"] - asked) > COUNT_TOLERANCE * asked:
-        notes.append(f"{asked:,} vertices were asked for, {after['vertices']:,} came out")
+        limits = outcome.options["min_length"] > 0.0 or outcome.options["max_length"] < np.inf
+        why = "the lengths" if limits else "features, the boundary or the triangles' shapes"
+        notes.append(
+            f"{asked:,} vertices were asked for, {after['vertices']:,} came out: {why} do not "
+            f"allow {'fewer' if after['vertices'] > asked else 'more'}"
+        )
     notes += _bound_remarks(outcome)
     if after["self_intersecting_faces"] and report.crossing_faces:
         notes.append(

@@ -33,6 +33,7 @@ class RemeshStage:
         ).for_surface(surface)
         settings = RemeshSettings(
             **target,
+            **length_limits(case.remesh),
             sigma=sigma_length(case.remesh.sigma, surface.diagonal),
             iterations=case.remesh.iterations,
             algorithm=ALGORITHMS[case.remesh.algorithm],
@@ -59,6 +60,15 @@ class RemeshStage:
         if section.support_factor is not None:
             return section.support_factor * longest_edge(surface)
         return None if section.support_radius == "auto" else section.support_radius
+
+
+def length_limits(section):
+    """The settings of the remesher for the limits and the gradation that a case gives."""
+    return {
+        "min_length": section.min_length or 0.0,
+        "max_length": section.max_length or float("inf"),
+        "gradation": section.gradation,
+    }
 
 
 def fit_figures(fit):

@@ -377,6 +377,7 @@ class RbfSection(Section):
 
 
 _TARGETS = ("vertices", "edge_length", "edge_factor")
+_SIZING = ("min_length", "max_length", "gradation")
 
 
 class RemeshSection(Section):
@@ -394,6 +395,15 @@ class RemeshSection(Section):
     sigma: fields.Sigma = Field(
         0.05, description="weight of the normals: in bounding-box diagonals, or with a unit, 14mm"
     )
+    min_length: fields.length(above=0.0, nullable=True) = Field(
+        None, description="shorter edges are collapsed unless features need them [m]"
+    )
+    max_length: fields.length(above=0.0, nullable=True) = Field(
+        None, description="no edge is longer [m]"
+    )
+    gradation: fields.number(above=1.0, nullable=True) = Field(
+        None, description="how many times longer edges may be from one triangle to the next"
+    )
     iterations: fields.whole(at_least=0, at_most=1000) = Field(10, description="outer iterations")
     algorithm: Literal["default", "thesis"] = Field(
         "default", description="thesis: its Algorithm 2 as it stands"
@@ -410,6 +420,15 @@ class RemeshSection(Section):
     def _one_target(self):
         if sum(getattr(self, key) is not None for key in _TARGETS) != 1:
             raise fields.refusal("must give one of vertices, edge_length and edge_factor")
+        return self
+
+    @model_validator(mode="after")
+    def _lengths_that_go_together(self):
+        sized = [key for key in _SIZING if getattr(self, key) is not None]
+        if sized and self.algorithm == "thesis":
+            raise fields.refusal(f"must leave {sized[0]} out: the thesis's algorithm has none")
+        if None not in (self.min_length, self.max_length) and self.min_length > self.max_length:
+            raise fields.refusal("must have min_length below max_length")
         return self
 
 

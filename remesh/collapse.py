@@ -19,8 +19,9 @@ from remesh.connectivity import (
     preceding,
     ring,
 )
-from remesh.embedding import agreement, as_tangents, squared_length, triangle_tangent
-from remesh.guard import squared_edge
+from remesh.embedding import agreement, as_tangents, triangle_tangent
+from remesh.guard import sized_edge, sized_length
+from remesh.sizing import NO_SIZING
 
 MOST_NEIGHBOURS = 60
 
@@ -32,7 +33,8 @@ def collapse_short_edges(work, shortest, longest, sigma, limits, at_most=None, c
     ----------
     work : WorkMesh
     shortest : float [unit of the points]
-        6D length below which an edge goes. Vertices with three edges go whatever the length.
+        6D length, by the sizing of the work mesh, below which an edge goes. Vertices with three
+        edges go whatever the length.
     longest : float
         No edge may come out longer (twice that for edges under half of `shortest`).
     sigma : float [unit of the points]
@@ -47,9 +49,12 @@ def collapse_short_edges(work, shortest, longest, sigma, limits, at_most=None, c
     mark = np.zeros(len(work.links), np.int64)
     if chosen is None:
         chosen = np.ones(int(work.counts[TRIANGLES]), np.bool_)
+    short_sizing, long_sizing = NO_SIZING, NO_SIZING
+    if work.sizing is not None:
+        short_sizing, long_sizing = work.sizing.for_collapses(), work.sizing.for_splits()
     return sweep_collapses(
         work.halves, work.links, work.rows, work.counts, sigma**2, shortest**2, longest**2,
-        as_tangents(limits), at_most, chosen, mark,
+        as_tangents(limits), at_most, chosen, mark, short_sizing, long_sizing,
     )  # fmt: skip
 
 
@@ -76,7 +81,9 @@ def common_neighbours(halves, links, fan, count, closed, other, other_count, oth
 
 
 @kernel
-def outcome(rows, halves, fan, count, gone, left, right, kept, links, sigma2, longest2, limits):
+def outcome(
+    rows, halves, fan, count, gone, left, right, kept, links, sigma2, longest2, limits, sizing
+):
     """Tangent of the least 6D angle of a fan whose centre moved to a vertex; -1 if not allowed.
 
     gone, left, right : the centre's row, and the rows that replace it and its other row.
@@ -87,9 +94,9 @@ def outcome(rows, halves, fan, count, gone, left, right, kept, links, sigma2, lo
         r = left if halves[h, ORIGIN] == gone else right
         p, q = halves[following(h), ORIGIN], halves[preceding(h), ORIGIN]
         p_kept, q_kept = links[p, BASE] == kept, links[q, BASE] == kept
-        if not p_kept and squared_length(rows, p, r, sigma2) > longest2:
+        if not p_kept and sized_length(rows, links, p, r, sigma2, sizing, longest2) > longest2:
             return -1.0
-        if not q_kept and squared_length(rows, q, r, sigma2) > longest2:
+        if not q_kept and sized_length(rows, links, q, r, sigma2, sizing, longest2) > longest2:
             return -1.0
         if p_kept or q_kept:
             continue
@@ -134,7 +141,7 @@ def enough_edges(halves, links, h, drop):
 
 @kernel
 def collapse_half_edge(
-    halves, links, rows, counts, h, sigma2, longest2, limits, fan_a, fan_b, mark
+    halves, links, rows, counts, h, sigma2, longest2, limits, fan_a, fan_b, mark, sizing
 ):  # fmt: skip
     """Collapse an edge to the end that leaves better triangles, if it may be; whether it was.
 
@@ -161,12 +168,14 @@ def collapse_half_edge(
     without_a, without_b = -1.0, -1.0
     if may_go(halves, links, h, va) and not b_three:
         without_a = outcome(
-            rows, halves, fan_a, count_a, a, b, b_right, vb, links, sigma2, longest2, limits
-        )
+            rows, halves, fan_a, count_a, a, b, b_right, vb, links, sigma2, longest2, limits,
+            sizing,
+        )  # fmt: skip
     if may_go(halves, links, h, vb) and not a_three:
         without_b = outcome(
-            rows, halves, fan_b, count_b, b, a, a_right, va, links, sigma2, longest2, limits
-        )
+            rows, halves, fan_b, count_b, b, a, a_right, va, links, sigma2, longest2, limits,
+            sizing,
+        )  # fmt: skip
     if without_a < 0.0 and without_b < 0.0:
         return False
     if without_a >= without_b:
@@ -178,8 +187,9 @@ def collapse_half_edge(
 
 @allocating
 def sweep_collapses(
-    halves, links, rows, counts, sigma2, shortest2, longest2, limits, at_most, chosen, mark
-):
+    halves, links, rows, counts, sigma2, shortest2, longest2, limits, at_most, chosen, mark,
+    short_sizing, long_sizing,
+):  # fmt: skip
     """One pass over all edges; returns the number of collapses."""
     fan_a, fan_b = np.empty(MAX_RING, np.int64), np.empty(MAX_RING, np.int64)
     done = 0
@@ -193,12 +203,13 @@ def sweep_collapses(
         vb = links[halves[following(h), ORIGIN], BASE]
         three = links[va, KIND] == INTERIOR and links[va, EDGES] == 3
         three |= links[vb, KIND] == INTERIOR and links[vb, EDGES] == 3
-        length2 = squared_edge(rows, halves, h, sigma2)
+        length2 = sized_edge(rows, links, halves, h, sigma2, short_sizing, shortest2)
         if length2 > shortest2 and not three:
             continue
-        bound2 = 4.0 * longest2 if length2 < 0.25 * shortest2 else longest2
+        may_exceed = length2 < 0.25 * shortest2 and short_sizing[0].size == 0
+        bound2 = 4.0 * longest2 if may_exceed else longest2
         if collapse_half_edge(
-            halves, links, rows, counts, h, sigma2, bound2, limits, fan_a, fan_b, mark
-        ):
+            halves, links, rows, counts, h, sigma2, bound2, limits, fan_a, fan_b, mark, long_sizing,
+        ):  # fmt: skip
             done += 1
     return done

@@ -14,6 +14,8 @@ from meshes.topology import edge_table, feature_mask
 EDGE_POINTS = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0), 0.5)  # Gauss's two, and one
 FACE_POINTS = ((1 / 6, 1 / 6, 2 / 3), (1 / 6, 2 / 3, 1 / 6), (2 / 3, 1 / 6, 1 / 6))
 ROUNDS = 8
+LONG, HIDDEN, UNEXPLAINED = 1.5, 0.1, 3.0  # edges; of an edge; times the sagitta
+REST = 0.2  # of an edge: the shortest that are cut where something was hidden
 MOST_FACES = 4_000_000
 
 
@@ -37,9 +39,8 @@ def dense_triangulation(mesh, surfaces, tolerance):
     mesh = on_surfaces(mesh, surfaces, np.arange(len(mesh.points)))
     for turn in range(ROUNDS + 1):
         table = edge_table(mesh.faces)
-        crease = feature_mask(mesh, table)
         gap = edge_gaps(mesh, surfaces, table)
-        gap[crease] = 0.0
+        gap[feature_mask(mesh, table)] = 0.0
         far = gap > tolerance
         if not far.any() or turn == ROUNDS or len(mesh.faces) > MOST_FACES:
             break
@@ -49,22 +50,76 @@ def dense_triangulation(mesh, surfaces, tolerance):
     return mesh, float(gap.max(initial=0.0))
 
 
-def edge_gaps(mesh, surfaces, table):
-    """Largest distance (e,) from its surface of an edge's points and of those in its faces."""
+def with_hidden_shapes(mesh, normals, surfaces, length):
+    """The mesh with more vertices where surfaces rise or sink unseen between those it has.
+
+    Something is hidden where the quadrature points of an edge are farther off than a good part of
+    `length`, and than three times what the normals at its ends explain. It is looked for where the
+    result is to be finer than the mesh, at faces all of whose edges are longer than those aimed
+    at: what others hide is smaller than the result's triangles, or noise.
+
+    Parameters
+    ----------
+    mesh : TriMesh
+        With all its feature edges, which are kept as they are.
+    normals : (m, 3, 3) float array
+        Unit normals at the corners of the faces.
+    surfaces : sequence of ImplicitSurface, one per label
+    length : float [unit of the points]
+        Of the edges aimed at.
+
+    Returns
+    -------
+    TriMesh
+        The same object if nothing is hidden.
+    """
+    table = edge_table(mesh.faces)
+    ends = mesh.points[table.edges]
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    if lengths.mean() <= length:
+        return mesh
+    turn = np.linalg.norm(np.roll(normals, -1, axis=1) - normals, axis=2)
+    turns = np.zeros(len(table.edges))
+    np.maximum.at(turns, table.face_edges.ravel(), turn.ravel())
+    coarse = lengths[table.face_edges].min(axis=1) > length
+    gap = edge_gaps(mesh, surfaces, table, LONG * length, coarse)
+    far = gap > np.maximum(HIDDEN * length, UNEXPLAINED * turns * lengths / 8.0)
+    before = len(mesh.points)
+    for _ in range(ROUNDS):
+        far &= ~feature_mask(mesh, table)
+        if not far.any():
+            break
+        known = len(mesh.points)
+        mesh = on_surfaces(halved(mesh, table, far), surfaces, np.arange(known, known + far.sum()))
+        table = edge_table(mesh.faces)
+        near = (mesh.faces >= before).any(axis=1)
+        far = edge_gaps(mesh, surfaces, table, REST * length, near) > HIDDEN * length
+    return mesh
+
+
+def edge_gaps(mesh, surfaces, table, least_edge=0.0, near=True):
+    """Largest distance (e,) from its surface of an edge's points and of those in its faces.
+
+    0 for edges no longer than `least_edge`, and away from the faces (m,) that are `near`. A face's
+    points count for its longest edge.
+    """
     corners = mesh.points[mesh.faces]
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
     per_face = np.zeros((len(mesh.faces), 3))
     for label in np.unique(mesh.face_labels):
-        chosen = np.flatnonzero(mesh.face_labels == label)
+        chosen = np.flatnonzero(
+            (mesh.face_labels == label) & (lengths.max(axis=1) > least_edge) & near
+        )
         own = corners[chosen]
+        longest = lengths[chosen].argmax(axis=1)
         for weights in FACE_POINTS:
-            place = np.einsum("k,mkd->md", np.array(weights), own)
-            gap = distance_from(surfaces[label], place)
-            longest = np.linalg.norm(np.roll(own, -1, axis=1) - own, axis=2).argmax(axis=1)
+            gap = distance_from(surfaces[label], np.einsum("k,mkd->md", np.array(weights), own))
             np.maximum.at(per_face, (chosen, longest), gap)
+        face, k = np.nonzero(lengths[chosen] > least_edge)
+        starts, ends = own[face, k], own[face, (k + 1) % 3]
         for s in EDGE_POINTS:
-            place = (1.0 - s) * own + s * np.roll(own, -1, axis=1)
-            gap = distance_from(surfaces[label], place.reshape(-1, 3)).reshape(-1, 3)
-            per_face[chosen] = np.maximum(per_face[chosen], gap)
+            gap = distance_from(surfaces[label], (1.0 - s) * starts + s * ends)
+            np.maximum.at(per_face, (chosen[face], k), gap)
     result = np.zeros(len(table.edges))
     np.maximum.at(result, table.face_edges.ravel(), per_face.ravel())
     return result
@@ -91,6 +146,37 @@ def on_surfaces(mesh, surfaces, chosen):
         known = np.isfinite(moved).all(axis=1)
         points[vertices[known]] = moved[known]
     return mesh.with_points(points)
+
+
+def refined(mesh, longest, fix_boundary=False):
+    """The mesh with its faces cut until no edge is longer; the same surface, and the same mesh if
+    none is.
+
+    Parameters
+    ----------
+    mesh : TriMesh
+    longest : float [unit of the points]
+    fix_boundary : bool
+        Leave the edges of open boundaries as they are.
+    """
+    while len(mesh.faces) <= MOST_FACES:
+        table = edge_table(mesh.faces)
+        ends = mesh.points[table.edges]
+        far = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > longest
+        if fix_boundary:
+            far &= table.count == 2
+        if not far.any():
+            break
+        mesh = halved(mesh, table, far)
+    return mesh
+
+
+def halved_features(mesh, table, number):
+    """The feature edges (k, 2) once edges (e,) have the new vertex `number` (-1: none) on them."""
+    crease = feature_mask(mesh, table) if len(mesh.feature_edges) else np.zeros(len(number), bool)
+    kept, cut = table.edges[crease & (number < 0)], np.flatnonzero(crease & (number >= 0))
+    halves = [np.stack([table.edges[cut, k], number[cut]], axis=1) for k in (0, 1)]
+    return np.concatenate([kept, *halves])
 
 
 def halved(mesh, table, chosen):
@@ -120,5 +206,6 @@ def halved(mesh, table, chosen):
             faces.append(np.stack(triangle, axis=1)[count == k])
             labels.append(mesh.face_labels[count == k])
     return TriMesh(
-        points, np.concatenate(faces), np.concatenate(labels), mesh.labels, mesh.feature_edges
-    )
+        points, np.concatenate(faces), np.concatenate(labels), mesh.labels,
+        halved_features(mesh, table, number),
+    )  # fmt: skip

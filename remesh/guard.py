@@ -3,7 +3,7 @@
 import math
 
 from remesh.compiled import inlined, kernel
-from remesh.connectivity import CREASE, ORIGIN, TWIN, following, preceding
+from remesh.connectivity import CREASE, HINT, ORIGIN, TWIN, following, preceding
 from remesh.embedding import least_angle, squared_length, squared_parts
 
 
@@ -15,6 +15,38 @@ def squared_edge(rows, halves, h, sigma2):
     if halves[h, CREASE] >= 0 and g >= 0:
         other = squared_length(rows, halves[g, ORIGIN], halves[following(g), ORIGIN], sigma2)
         length = max(length, other)
+    return length
+
+
+@kernel
+def sized_length(rows, links, a, b, sigma2, sizing, threshold2):
+    """6D length^2 of two rows as `sizing` has it, to be compared with threshold2.
+
+    sizing : (factors of the carrier's triangles, squared lengths in 3D below which it is below
+        the threshold, and above which it is above); see `sizing.Sizing`.
+    """
+    scales, shortest2, longest2 = sizing
+    position, normal = squared_parts(rows, a, b)
+    square = position + sigma2 * normal
+    if scales.size == 0:
+        return square
+    scale = 0.5 * (scales[links[a, HINT]] + scales[links[b, HINT]])
+    least = threshold2 * (position / longest2)
+    square = max(square, least) * (scale * scale)
+    if position < shortest2:
+        square = min(square, threshold2 * (position / shortest2))
+    return max(square, least)
+
+
+@kernel
+def sized_edge(rows, links, halves, h, sigma2, sizing, threshold2):
+    """`sized_length` of a half-edge's edge; on a feature curve the larger of its two sides'."""
+    a, b = halves[h, ORIGIN], halves[following(h), ORIGIN]
+    length = sized_length(rows, links, a, b, sigma2, sizing, threshold2)
+    g = halves[h, TWIN]
+    if halves[h, CREASE] >= 0 and g >= 0:
+        b, a = halves[g, ORIGIN], halves[following(g), ORIGIN]
+        length = max(length, sized_length(rows, links, a, b, sigma2, sizing, threshold2))
     return length
 
 

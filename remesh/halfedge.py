@@ -45,6 +45,7 @@ class WorkMesh:
 
     def __init__(self, carrier, capacity=0, fix_boundary=False):
         self.carrier = carrier
+        self.sizing = None  # or a Sizing, which splits and collapses then go by
         self.curves = carrier.curves.arrays
         if fix_boundary:
             self.curves = with_fixed_boundary(self.curves)

@@ -290,7 +290,8 @@ def change_edge(halves, links, rows, labels, counts, kind, h, limits, reference,
     fans = np.empty((2, MAX_RING), np.int64)
     w = links[halves[following(h), ORIGIN], BASE]
     if not collapse_half_edge(
-        halves, links, rows, counts, h, 0.0, math.inf, limits, fans[0], fans[1], mark
-    ):
+        halves, links, rows, counts, h, 0.0, math.inf, limits, fans[0], fans[1], mark,
+        (np.empty(0), 0.0, math.inf),
+    ):  # fmt: skip
         return -1
     return v if links[v, BASE] == v else w

@@ -7,6 +7,7 @@ import numpy as np
 from meshes.quality import face_areas
 from meshes.topology import label_boundaries
 from remesh.adjust import fit_vertices, match_volume
+from remesh.collapse import collapse_short_edges
 from remesh.connectivity import BASE, CORNER, INTERIOR, KIND
 from remesh.embedding import smallest_angles
 from remesh.flip import DELAUNAY, VALENCE, flip_edges
@@ -16,11 +17,15 @@ from remesh.mend import raise_worst
 from remesh.optimise import optimise_vertices
 from remesh.relieve import relieve_gaps
 from remesh.shape_kernels import area_and_moments
+from remesh.sizing import Sizing
 from remesh.smooth import AREA, UNIFORM, smooth_vertices
+from remesh.split import split_long_edges
 from remesh.sweeps import FIRST_LENGTH, PliantLoop, length_for_count
 from remesh.tips import keep_tips
 
 LAST_AGREEMENT = 0.2
+LONGEST, HELD_SHAPE = 3.0, (0.0, 12.0, 0.1)  # of collapses at the end, the first in shortest edges
+MOST_HALVINGS, HOLDING_ROUNDS = 10, 3
 COUNT_ROUNDS, COUNT_TOLERANCE = 8, 0.005  # searches end when the count is as near as that
 COARSER = 1.25  # times the distance allowed between feature edges and curves, each round
 FARTHEST = 0.03  # of the target length: largest gap, and that of creases from their edges
@@ -106,16 +111,24 @@ class Recipe:
 
 def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress):
     """Take a work mesh through the loop, the fits and the searches."""
+    if settings.sized:
+        work.sizing = Sizing(
+            work.carrier, recipe.sigma, settings.gradation, settings.min_length,
+            settings.max_length,
+        )  # fmt: skip
     keep_tips(work, tip_length(work, recipe, length, vertices))
     loop = PliantLoop(
-        work, recipe.sigma, (20.0, recipe.loop_least3, recipe.agreement), recipe.weights,
-        recipe.short, recipe.long,
+        work, recipe.sigma, (20.0, recipe.loop_least3, recipe.agreement),
+        recipe.weights if settings.gradation is None else UNIFORM, recipe.short, recipe.long,
     )  # fmt: skip
     length = loop.run(
         length, settings.iterations, vertices, recipe.delaunay_rounds, recipe.final_sigma,
         lambda share: progress("loop", share),
     )  # fmt: skip
     meet_count_and_curves(work, loop, recipe, length, vertices)
+    sizing, work.sizing = work.sizing, None
+    if settings.sized:
+        length = min(max(length, settings.min_length), settings.max_length)
     work.compact()
     gaps.settle(work)
     if settings.fit:
@@ -135,9 +148,49 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
     if settings.fit and settings.smoothing == 0:
         relieve(work, gaps, recipe, length, settings.optimise)
     progress("optimise", 1.0)
+    if settings.sized:
+        hold_lengths(work, recipe, settings, length, sizing)
     if settings.fit and volume is not None:
         match_volume(work, volume)
+        split_above(work, settings.max_length)
     return length
+
+
+def hold_lengths(work, recipe, settings, length, sizing):
+    """Collapse the edges that have come to be too short, and split those that are too long.
+
+    What that takes from the number of vertices asked for is given back where edges are longest.
+    """
+    longest = min(settings.max_length, LONGEST * settings.min_length)
+    for _ in range(HOLDING_ROUNDS):
+        changed = 0
+        if settings.min_length > 0.0:
+            changed += collapse_short_edges(work, settings.min_length, longest, 0.0, HELD_SHAPE)
+            work.compact()
+        changed += split_above(work, settings.max_length)
+        if changed == 0:
+            return
+        if settings.vertices is not None and work.vertices < settings.vertices:
+            work.sizing = sizing
+            PliantLoop(work, recipe.sigma, (0.0, 0.0, LEAST_AGREEMENT)).split_longest(
+                settings.vertices - work.vertices, length
+            )
+            work.sizing = None
+        improve_worst(work, recipe, length)
+    split_above(work, settings.max_length)
+
+
+def split_above(work, longest):
+    """Split edges until none is longer in 3D; return how many."""
+    if longest == np.inf:
+        return 0
+    total = 0
+    for _ in range(MOST_HALVINGS):
+        done = split_long_edges(work, longest, 0.0, LEAST_AGREEMENT)
+        total += done
+        if done == 0:
+            break
+    return total
 
 
 def relieve(work, gaps, recipe, length, search):

@@ -6,13 +6,15 @@ import numpy as np
 
 from meshes import TriMesh
 from meshes.edges import edge_table
+from meshes.quality import face_areas
 from remesh.adjust import match_volume
 from remesh.bounded import remesh_within
 from remesh.carrier import CORNER_ANGLE, curves_of
+from remesh.dense import refined, with_hidden_shapes
 from remesh.fidelity import ImplicitFidelity, TriangleFidelity
 from remesh.finish import finished_mesh, repair
 from remesh.halfedge import WorkMesh
-from remesh.layout import make_layout
+from remesh.layout import make_layout, require_finite, row_normals
 from remesh.prepare import implicit_carrier, smoothed_carrier, surfaces_by_label
 from remesh.recipe import choose_recipe, first_length, run_recipe
 from remesh.settings import RemeshSettings
@@ -105,19 +107,23 @@ def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
     settings = RemeshSettings() if settings is None else settings
     progress = (lambda stage, share: None) if progress is None else progress
     rng = np.random.default_rng(0) if rng is None else rng
+    require_finite(mesh)
+    if settings.vertices is None and settings.edge_length is None and settings.max_error is None:
+        settings = replace(settings, vertices=max(len(np.unique(mesh.faces)), 4))
+    mesh, surfaces = fine_enough(mesh, surfaces, settings)
     layout = layout_of(mesh, surfaces)
     mesh = layout.mesh
     if settings.max_error is not None:
         return conclude_within(layout, surfaces, settings, progress)
-    if settings.vertices is None and settings.edge_length is None:
-        settings = replace(settings, vertices=len(mesh.points))
-    by_label = None
     if surfaces is None:
         surfaces = TriangleSurface(layout)
     if isinstance(surfaces, TriangleSurface):
         carrier, gaps = triangle_start(surfaces, settings)
     else:
         by_label = surfaces_by_label(mesh, surfaces)
+        if settings.algorithm != "thesis":
+            layout = with_all_shapes(layout, by_label, aimed_edge(mesh, settings))
+            mesh = layout.mesh
         carrier = implicit_carrier(layout, by_label, settings.corner_angle)
         gaps = ImplicitFidelity(by_label)
     progress("carrier", 1.0)
@@ -177,6 +183,37 @@ def layout_of(mesh, surfaces):
     if isinstance(surfaces, TriangleSurface) and surfaces.source is mesh:
         return surfaces.carrier.layout
     return make_layout(mesh)
+
+
+def fine_enough(mesh, surfaces, settings):
+    """Mesh and surfaces, the mesh's faces cut where edges are longer than are to be made.
+
+    Without a field of sizes, and without a longest length, the mesh may be as coarse as it is.
+    """
+    longest = settings.max_length
+    if settings.max_error is None:
+        longest = np.inf if settings.gradation is None else aimed_edge(mesh, settings)
+    if longest == np.inf or settings.smoothing > 0:
+        return mesh, surfaces
+    mesh = refined(mesh, longest, settings.fix_boundary)
+    if isinstance(surfaces, TriangleSurface) and surfaces.source is not mesh:
+        surfaces = None
+    return mesh, surfaces
+
+
+def with_all_shapes(layout, surfaces, length):
+    """The Layout, with more vertices where surfaces are not what the vertices' normals tell."""
+    normals = row_normals(layout)[layout.group]
+    mesh = with_hidden_shapes(layout.mesh, normals, surfaces, length)
+    return layout if mesh is layout.mesh else make_layout(mesh)
+
+
+def aimed_edge(mesh, settings):
+    """Length of the edges that are aimed at, were sigma 0."""
+    if settings.edge_length is not None:
+        return settings.edge_length
+    area = face_areas(mesh.points, mesh.faces).sum()
+    return float(np.sqrt(2.0 * area / (np.sqrt(3.0) * settings.vertices)))
 
 
 def triangle_start(surface, settings):

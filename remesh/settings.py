@@ -77,9 +77,13 @@ class RemeshSettings:
     max_normal_angle : float, optional [degrees]
         With `max_error`: every point of either has a point of the other within that distance whose
         normal differs by no more.
+    gradation : float, optional
+        How many times longer edges may be from one triangle to the next: where edges are h long,
+        h grows by no more than gradation - 1 times the way along the surface. (Edges of
+        equilateral triangles with the triangles' areas, where sigma stretches them.)
     min_length, max_length : float [unit of the points]
-        With `max_error`: edges below the first are collapsed and never split, whatever the error;
-        none longer than the second are made.
+        In 3D: edges below the first are collapsed and never made by splitting, unless features or
+        the triangles' shapes forbid it; none are longer than the second.
     least_angle : float [degrees]
         With `max_error`: no smaller angle is made where there was none.
     thesis : ThesisRules
@@ -103,6 +107,7 @@ class RemeshSettings:
     corner_angle: float = 45.0
     max_error: float | None = None
     max_normal_angle: float | None = None
+    gradation: float | None = None
     min_length: float = 0.0
     max_length: float = float("inf")
     least_angle: float = 1.0
@@ -123,16 +128,33 @@ class RemeshSettings:
             raise InvalidCase(f"algorithm must be one of {ALGORITHMS}, got {self.algorithm!r}")
         if self.smoothing < 0:
             raise InvalidCase(f"smoothing must not be negative, got {self.smoothing}")
+        self._check_sizing()
         self._check_bound()
+
+    @property
+    def sized(self):
+        """Whether lengths are limited or graded."""
+        limited = self.min_length > 0.0 or self.max_length < float("inf")
+        return limited or self.gradation is not None
+
+    def _check_sizing(self):
+        """Refuse limits and gradations that make no sense."""
+        if self.gradation is not None and not 1.0 < self.gradation < float("inf"):
+            raise InvalidCase(f"gradation must be above 1, got {self.gradation}")
+        if not 0.0 <= self.min_length <= self.max_length or not self.max_length > 0.0:
+            raise InvalidCase(
+                "min_length must not be negative, nor above max_length, and max_length must be "
+                f"positive, got {self.min_length} and {self.max_length}"
+            )
+        if self.sized and self.algorithm == "thesis":
+            raise InvalidCase("the thesis's algorithm knows no min_length, max_length or gradation")
 
     def _check_bound(self):
         """Refuse what makes no sense with, or without, an error bound."""
         angle = self.max_normal_angle
         if self.max_error is None:
-            if angle is not None or self.min_length > 0.0 or self.max_length != float("inf"):
-                raise InvalidCase(
-                    "max_normal_angle, min_length and max_length belong to max_error: give one"
-                )
+            if angle is not None:
+                raise InvalidCase("max_normal_angle belongs to max_error: give one")
             return
         if not 0.0 < self.max_error < float("inf"):
             raise InvalidCase(f"max_error must be positive, got {self.max_error}")
@@ -143,10 +165,5 @@ class RemeshSettings:
                               "algorithm, and without smoothing")  # fmt: skip
         if angle is not None and not 0.0 < angle <= 180.0:
             raise InvalidCase(f"max_normal_angle must be in (0, 180], got {angle}")
-        if not 0.0 <= self.min_length <= self.max_length:
-            raise InvalidCase(
-                "min_length must not be negative, nor above max_length, "
-                f"got {self.min_length} and {self.max_length}"
-            )
         if not 0.0 <= self.least_angle < 30.0:
             raise InvalidCase(f"least_angle must be in [0, 30), got {self.least_angle}")

@@ -29,8 +29,9 @@ from remesh.connectivity import (
 )
 from remesh.curves import curve_point, span
 from remesh.embedding import agreement
-from remesh.guard import squared_edge
+from remesh.guard import sized_edge
 from remesh.nearest import place
+from remesh.sizing import NO_SIZING
 
 
 def split_long_edges(work, longest, sigma, least_agreement, at_most=None):
@@ -40,7 +41,7 @@ def split_long_edges(work, longest, sigma, least_agreement, at_most=None):
     ----------
     work : WorkMesh
     longest : float [unit of the points]
-        6D length above which an edge is split.
+        6D length, by the sizing of the work mesh, above which an edge is split.
     sigma : float [unit of the points]
     least_agreement : float
         Least cosine between the new triangles' normals and the surface's.
@@ -48,12 +49,13 @@ def split_long_edges(work, longest, sigma, least_agreement, at_most=None):
         Stop after so many.
     """
     at_most = np.iinfo(np.int64).max if at_most is None else at_most
+    sizing = NO_SIZING if work.sizing is None else work.sizing.for_splits()
     total = 0
     while total < at_most:
         work.reserve(max(64, work.vertices // 4))
         done, full = sweep_splits(
             work.halves, work.links, work.rows, work.labels, work.counts, sigma**2, longest**2,
-            least_agreement, at_most - total, work.carrier.reference, work.curves,
+            least_agreement, at_most - total, work.carrier.reference, work.curves, sizing,
         )  # fmt: skip
         total += done
         if not full:
@@ -62,14 +64,14 @@ def split_long_edges(work, longest, sigma, least_agreement, at_most=None):
 
 
 @kernel
-def longest_edge(halves, rows, t, sigma2, fixed):
+def longest_edge(halves, links, rows, t, sigma2, fixed, sizing, longest2):
     """The half-edge of triangle t with the longest edge that is not fixed, and its 6D length^2."""
     longest, length2 = 3 * t, -1.0
     for k in range(3):
         code = halves[3 * t + k, CREASE]
         if code >= 0 and fixed[code >> 1] == 1:
             continue
-        square = squared_edge(rows, halves, 3 * t + k, sigma2)
+        square = sized_edge(rows, links, halves, 3 * t + k, sigma2, sizing, longest2)
         if square > length2:
             longest, length2 = 3 * t + k, square
     return longest, length2
@@ -173,7 +175,7 @@ def split_half_edge(
 @allocating
 def sweep_splits(
     halves, links, rows, labels, counts, sigma2, longest2, least_agreement, at_most,
-    reference, curves,
+    reference, curves, sizing,
 ):  # fmt: skip
     """One pass over all triangles; returns the number of splits, and whether room ran out."""
     point = np.empty(9)
@@ -181,7 +183,7 @@ def sweep_splits(
     for t in range(counts[TRIANGLES]):
         if halves[3 * t, ORIGIN] < 0 or done >= at_most:
             continue
-        h, length2 = longest_edge(halves, rows, t, sigma2, curves[4])
+        h, length2 = longest_edge(halves, links, rows, t, sigma2, curves[4], sizing, longest2)
         if length2 <= longest2:
             continue
         if not room(halves, links, counts, 2, 2):

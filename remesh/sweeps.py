@@ -12,7 +12,7 @@ FIRST_LENGTH = 0.93  # of the edge of equilateral triangles with the same area a
 COUNT_FEEDBACK = 0.7
 MOST_SPLIT_PASSES, MANY_SPLITS = 20, 1.3
 COARSENING_STEPS = (0.6, 0.8, 1.0)
-NO_LIMITS = (0.0, 0.0, 0.0)
+LEAST_AIM, MOST_AIM = 0.7, 1.4  # of the edge length asked for
 
 
 def length_for_count(work, sigma, vertices):
@@ -53,7 +53,9 @@ class PliantLoop:
         final_sigma = self.sigma if final_sigma is None else final_sigma
         asked = length
         for i in range(iterations):
-            if i == 0 and vertices is not None and self.work.vertices > 2 * vertices:
+            if self.work.sizing is not None:
+                self.work.sizing.aim(length)
+            if i == 0 and self.is_much_finer(length, vertices):
                 self.coarsen(length)
             else:
                 self.refine(length)
@@ -65,11 +67,19 @@ class PliantLoop:
                 if vertices is not None:
                     ratio = self.work.vertices / vertices
                 else:
-                    ratio = asked / self.edge_lengths(final_sigma).mean()
+                    ratio = asked / self.edge_lengths(final_sigma, self.long * length).mean()
                 length *= min(max(ratio, 0.5), 2.0) ** COUNT_FEEDBACK
+                if vertices is None:
+                    length = min(max(length, LEAST_AIM * asked), MOST_AIM * asked)
             if progress is not None:
                 progress((i + 1) / iterations)
         return length
+
+    def is_much_finer(self, length, vertices):
+        """Whether the mesh is to lose more than half of its vertices."""
+        if vertices is not None:
+            return self.work.vertices > 2 * vertices
+        return self.edge_lengths().mean() < np.sqrt(0.5) * length
 
     def coarsen(self, length):
         """First round on a mesh much finer than asked: collapse in three steps."""
@@ -101,26 +111,37 @@ class PliantLoop:
             excess = self.work.vertices - vertices
             if abs(excess) <= tolerance * vertices:
                 break
-            lengths = np.sort(self.edge_lengths())
             if excess > 0:
+                lengths = np.sort(self.edge_lengths(longest=self.long * length))
                 bound = lengths[min(int(1.3 * excess), len(lengths) - 1)]
                 limits = (0.0, 0.0, self.least_agreement)
                 collapse_short_edges(
                     self.work, bound, 2.0 * length, self.sigma, limits, at_most=excess
                 )
             else:
-                bound = lengths[max(len(lengths) + excess - 1, 0)]
-                split_long_edges(
-                    self.work, bound, self.sigma, self.least_agreement, at_most=-excess
-                )
+                self.split_longest(-excess, length)
             self.work.compact()
             flip_edges(self.work, self.sigma, (25.0, 0.0, self.limits[2]), VALENCE, 3)
             smooth_vertices(self.work, self.sigma, (20.0, 0.0, self.limits[2]), UNIFORM, 0.7)
 
-    def edge_lengths(self, sigma=None):
-        """6D lengths of all edges (those of a feature by one of its sides)."""
+    def split_longest(self, count, length):
+        """Split about so many edges, the longest."""
+        lengths = np.sort(self.edge_lengths(longest=self.long * length))
+        bound = lengths[max(len(lengths) - count - 1, 0)]
+        split_long_edges(self.work, bound, self.sigma, self.least_agreement, at_most=count)
+
+    def edge_lengths(self, sigma=None, longest=0.0):
+        """6D lengths of all edges (those of a feature by one of its sides), by the work's sizing.
+
+        longest : float [unit of the points]
+            6D length above which edges are split, so that those at the limit in 3D have it.
+        """
         sigma = self.sigma if sigma is None else sigma
         first, last = self.work.edge_rows()
         step = self.work.rows[first, :6] - self.work.rows[last, :6]
         step[:, 3:] *= sigma
-        return np.sqrt(np.einsum("ij,ij->i", step, step))
+        square = np.einsum("ij,ij->i", step, step)
+        if self.work.sizing is None:
+            return np.sqrt(square)
+        square3 = np.einsum("ij,ij->i", step[:, :3], step[:, :3])
+        return self.work.sizing.lengths(self.work, first, last, square3, square, longest)

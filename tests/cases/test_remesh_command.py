@@ -399,9 +399,23 @@ def test_help_of_the_module():
     )
     options = ("--vertices", "--edge-length", "--sigma", "--iterations", "--smooth", "--reference",
                "--fix-boundary", "--fill-holes", "--no-repair", "--keep-crossings", "--json",
-               "--picture")  # fmt: skip
+               "--picture", "--min-length", "--max-length", "--gradation")  # fmt: skip
     for option in options:
         assert option in done.stdout
+
+
+def test_lengths_are_held_or_a_remark_tells(source, tmp_path, capsys):
+    out = tmp_path / "out.ply"
+    limits = ["--max-length", 0.15, "--gradation", 1.4, "--sigma", 0]
+    found = run(capsys, source, out, "--vertices", 1000, *limits)
+    mesh = read_surface(out)
+    a, b, c = (mesh.points[mesh.faces[:, k]] for k in range(3))
+    longest = max(np.linalg.norm(p - q, axis=1).max() for p, q in ((a, b), (b, c), (c, a)))
+    assert longest <= 0.15 * (1 + 1e-6)
+    assert found["options"]["max_length"] == 0.15 and found["options"]["gradation"] == 1.4
+    assert found["notes"] == []
+    found = run(capsys, source, out, "--vertices", 300, *limits)
+    assert any("the lengths do not allow fewer" in note for note in found["notes"])
 
 
 def test_an_error_bound_is_met_and_printed(source, tmp_path, capsys):
@@ -429,7 +443,11 @@ def test_an_error_bound_is_met_and_printed(source, tmp_path, capsys):
         ["--max-error", "0.01", "--max-normal-angle", "200"],
         ["--max-error", "0.01", "--min-length", "2", "--max-length", "1"],
         ["--max-normal-angle", "20"],
-        ["--max-length", "1"],
+        ["--max-length", "0"],
+        ["--min-length", "2", "--max-length", "1"],
+        ["--min-length", "-1"],
+        ["--gradation", "1"],
+        ["--gradation", "1.3", "--algorithm", "thesis"],
     ],
     ids=" ".join,
 )

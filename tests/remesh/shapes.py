@@ -75,3 +75,15 @@ def closed_shapes():
         "cylinder": cylinder(around=16, rings=6),
         "cut sphere": cut_sphere(around=16, rings=8),
     }
+
+
+def bump(height=0.1, width=0.08, count=61):
+    """The square from -1 to 1 with a bump in its middle, where the grid is fine."""
+    s = np.linspace(-1.0, 1.0, count)
+    s = 0.15 * s + 0.85 * s**3
+    x, y = (grid.ravel() for grid in np.meshgrid(s, s, indexing="ij"))
+    points = np.stack([x, y, height * np.exp(-(x**2 + y**2) / width**2)], axis=1)
+    i, j = (grid.ravel() for grid in np.meshgrid(*[np.arange(count - 1)] * 2, indexing="ij"))
+    a = i * count + j
+    b, c, d = a + count, a + count + 1, a + 1
+    return TriMesh(points, np.concatenate([np.stack(t, axis=1) for t in ((a, b, c), (a, c, d))]))

@@ -188,7 +188,6 @@ def test_triangle_surfaces_and_angles():
         {"max_error": 1.0, "min_length": 2.0, "max_length": 1.0},
         {"max_error": 1.0, "least_angle": 40.0},
         {"max_normal_angle": 10.0},
-        {"min_length": 1.0},
     ],
     ids=str,
 )
