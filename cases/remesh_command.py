@@ -35,6 +35,7 @@ class Request:
     min_length : float [file units]
     max_length : float or None [file units]
     gradation : float or None
+    quality : "3d", "6d" or None
     sigma : float, str or None
         In diagonals, or a text with a unit; None: chosen from the surface.
     reference : "auto", "rbf" or "triangles"
@@ -67,6 +68,7 @@ class Request:
     min_length: float = 0.0
     max_length: float | None = None
     gradation: float | None = None
+    quality: str | None = None
     sigma: float | str | None = None
     reference: str = "auto"
     fix_boundary: bool = False
@@ -122,6 +124,7 @@ def _remesh(
     min_length: float = 0.0,
     max_length: float | None = None,
     gradation: float | None = None,
+    quality: Literal["3d", "6d"] | None = None,
     sigma: str | None = None,
     reference: Literal["auto", "rbf", "triangles"] = "auto",
     fix_boundary: Annotated[bool, _flag()] = False,
@@ -163,6 +166,9 @@ def _remesh(
         No edge is longer than this.
     gradation
         How many times longer edges may be from one triangle to the next, such as 1.3.
+    quality
+        Spend time on the worst angles: in space (3d), or in the embedding (6d). If not given,
+        sigma decides which angles are to be good.
     sigma
         Weight of the normals n, in bounding-box diagonals, or with a unit as 14mm: 0 for
         triangles of one size, more for smaller ones where the surface curves. If not given: 0.05,
@@ -202,7 +208,7 @@ def _remesh(
     return run_remesh(
         Request(
             source, destination, vertices, edge_length, _parse_length("--max-error", max_error),
-            max_normal_angle, min_length, max_length, gradation,
+            max_normal_angle, min_length, max_length, gradation, quality,
             _parse_length("--sigma", sigma), reference, fix_boundary,
             fill_holes, not no_repair, keep_crossings, smooth, iterations, algorithm, unit, seed,
             threads, json, picture, quiet, verbose,
@@ -242,6 +248,8 @@ def _check(request):
     if request.vertices is not None and request.edge_length is not None:
         raise InvalidCase("--vertices and --edge-length: only one of the two can be given")
     _check_sizing(request)
+    if request.quality is not None and request.algorithm == "thesis":
+        raise InvalidCase("--quality: the thesis's algorithm has no such passes")
     _check_bound(request)
     if request.vertices is not None and request.vertices < 4:
         raise InvalidCase(f"--vertices {request.vertices}: must be at least 4")

@@ -187,6 +187,7 @@ def _prepared(request, surface, outcome, reporter):
         "algorithm": request.algorithm,
         "iterations": request.iterations,
         "smooth": request.smooth,
+        "quality": request.quality,
         "fix_boundary": request.fix_boundary,
         "fill_holes": request.fill_holes,
         "seed": request.seed,
@@ -202,6 +203,7 @@ def _prepared(request, surface, outcome, reporter):
         iterations=request.iterations,
         algorithm=ALGORITHMS[request.algorithm],
         smoothing=smoothing,
+        quality=request.quality,
         fix_boundary=request.fix_boundary,
     )
 

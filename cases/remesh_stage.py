@@ -35,6 +35,7 @@ class RemeshStage:
             **target,
             **length_limits(case.remesh),
             sigma=sigma_length(case.remesh.sigma, surface.diagonal),
+            quality=case.remesh.quality,
             iterations=case.remesh.iterations,
             algorithm=ALGORITHMS[case.remesh.algorithm],
         )

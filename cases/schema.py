@@ -377,7 +377,7 @@ class RbfSection(Section):
 
 
 _TARGETS = ("vertices", "edge_length", "edge_factor")
-_SIZING = ("min_length", "max_length", "gradation")
+_NOT_OF_THE_THESIS = ("min_length", "max_length", "gradation", "quality")
 
 
 class RemeshSection(Section):
@@ -404,6 +404,9 @@ class RemeshSection(Section):
     gradation: fields.number(above=1.0, nullable=True) = Field(
         None, description="how many times longer edges may be from one triangle to the next"
     )
+    quality: Literal["3d", "6d"] | None = Field(
+        None, description="spend time on the worst angles, in space or in the embedding"
+    )
     iterations: fields.whole(at_least=0, at_most=1000) = Field(10, description="outer iterations")
     algorithm: Literal["default", "thesis"] = Field(
         "default", description="thesis: its Algorithm 2 as it stands"
@@ -424,9 +427,9 @@ class RemeshSection(Section):
 
     @model_validator(mode="after")
     def _lengths_that_go_together(self):
-        sized = [key for key in _SIZING if getattr(self, key) is not None]
-        if sized and self.algorithm == "thesis":
-            raise fields.refusal(f"must leave {sized[0]} out: the thesis's algorithm has none")
+        given = [key for key in _NOT_OF_THE_THESIS if getattr(self, key) is not None]
+        if given and self.algorithm == "thesis":
+            raise fields.refusal(f"must leave {given[0]} out: the thesis's algorithm has none")
         if None not in (self.min_length, self.max_length) and self.min_length > self.max_length:
             raise fields.refusal("must have min_length below max_length")
         return self

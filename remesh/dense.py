@@ -16,6 +16,7 @@ FACE_POINTS = ((1 / 6, 1 / 6, 2 / 3), (1 / 6, 2 / 3, 1 / 6), (2 / 3, 1 / 6, 1 / 
 ROUNDS = 8
 LONG, HIDDEN, UNEXPLAINED = 1.5, 0.1, 3.0  # edges; of an edge; times the sagitta
 REST = 0.2  # of an edge: the shortest that are cut where something was hidden
+MOST_HALVINGS, SLACKER = 40, 1.25
 MOST_FACES = 4_000_000
 
 
@@ -157,15 +158,16 @@ def refined(mesh, longest, fix_boundary=False):
     mesh : TriMesh
     longest : float [unit of the points]
     fix_boundary : bool
-        Leave the edges of open boundaries as they are.
+        Leave the edges of open boundaries as they are; their faces' others may be as long.
     """
-    while len(mesh.faces) <= MOST_FACES:
+    for turn in range(MOST_HALVINGS):
         table = edge_table(mesh.faces)
         ends = mesh.points[table.edges]
-        far = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) > longest
-        if fix_boundary:
-            far &= table.count == 2
-        if not far.any():
+        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        far = lengths > longest
+        if fix_boundary and (table.count == 1).any():  # beside held edges it would not end
+            far &= (table.count == 2) & (lengths > longest * SLACKER**turn)
+        if not far.any() or len(mesh.faces) > MOST_FACES:
             break
         mesh = halved(mesh, table, far)
     return mesh

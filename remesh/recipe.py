@@ -1,6 +1,6 @@
 """The measured recipe: pliant loop, exact count, fits and searches."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from remesh.tips import keep_tips
 
 LAST_AGREEMENT = 0.2
 LONGEST, HELD_SHAPE = 3.0, (0.0, 12.0, 0.1)  # of collapses at the end, the first in shortest edges
+SMALL, QUALITY_SWEEPS = 45.0, 15  # [degrees] of angles that are searched for on request
 MOST_HALVINGS, HOLDING_ROUNDS = 10, 3
 COUNT_ROUNDS, COUNT_TOLERANCE = 8, 0.005  # searches end when the count is as near as that
 COARSER = 1.25  # times the distance allowed between feature edges and curves, each round
@@ -131,6 +132,7 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
         length = min(max(length, settings.min_length), settings.max_length)
     work.compact()
     gaps.settle(work)
+    recipe = finishing(recipe, settings)
     if settings.fit:
         fit_offsets(work, gaps, recipe)
         progress("fit", 0.3)
@@ -147,6 +149,8 @@ def run_recipe(work, gaps, recipe, settings, volume, length, vertices, progress)
         mend_worst(work, recipe, length)
     if settings.fit and settings.smoothing == 0:
         relieve(work, gaps, recipe, length, settings.optimise)
+    if settings.quality is not None:
+        search_for_worst(work, recipe)
     progress("optimise", 1.0)
     if settings.sized:
         hold_lengths(work, recipe, settings, length, sizing)
@@ -365,6 +369,29 @@ def mend_worst(work, recipe, length):
     """Change edges around triangles below the floor, where the search does not reach it."""
     farthest = MEND_FARTHEST * length
     raise_worst(work, recipe.floor, recipe.final_sigma, recipe.agreement, farthest)
+
+
+def finishing(recipe, settings):
+    """The recipe of the passes after the loop: for 3D angles, if it is these that are to be good.
+
+    Sizes stay those of the embedding.
+    """
+    if settings.quality != "3d" or not recipe.embedded:
+        return recipe
+    return replace(
+        recipe, final_sigma=0.0, least3=Recipe.least3, floor=Recipe.floor, weight3=0.0,
+    )  # fmt: skip
+
+
+def search_for_worst(work, recipe):
+    """Search around all triangles with a small angle, in the space whose angles are to be good."""
+    least3 = recipe.loop_least3 if recipe.embedded else 0.0
+    for _ in range(2):
+        flip_edges(work, recipe.final_sigma, (0.0, least3, recipe.agreement), DELAUNAY, 3)
+        optimise_vertices(
+            work, recipe.final_sigma, WORST_STEP, 8, least3, 20.0, recipe.agreement, SMALL,
+            QUALITY_SWEEPS, directions=WORST_DIRECTIONS,
+        )  # fmt: skip
 
 
 def choose_recipe(settings, mesh, jagged):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from meshes.errors import InvalidCase
 
 ALGORITHMS = ("pliant", "thesis")
+QUALITIES = (None, "3d", "6d")
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,9 @@ class RemeshSettings:
         Fit the triangles (not the vertices) to the surface, and keep the volume.
     optimise : bool
         Search for better angles at the end.
+    quality : "3d", "6d" or None
+        Whose worst angles the last passes improve, those in space or in the embedding, at the cost
+        of time; with `max_error` within the bound. None: as sigma has it; none with `max_error`.
     fix_boundary : bool
         Leave open boundaries as they are, bit by bit.
     corner_angle : float [degrees]
@@ -103,6 +107,7 @@ class RemeshSettings:
     smoothing: int = 0
     fit: bool = True
     optimise: bool = True
+    quality: str | None = None
     fix_boundary: bool = False
     corner_angle: float = 45.0
     max_error: float | None = None
@@ -126,6 +131,10 @@ class RemeshSettings:
             raise InvalidCase(f"at least one iteration is needed, got {self.iterations}")
         if self.algorithm not in ALGORITHMS:
             raise InvalidCase(f"algorithm must be one of {ALGORITHMS}, got {self.algorithm!r}")
+        if self.quality not in QUALITIES:
+            raise InvalidCase(f"quality must be 3d, 6d or None, got {self.quality!r}")
+        if self.quality is not None and self.algorithm == "thesis":
+            raise InvalidCase("the thesis's algorithm knows no quality passes")
         if self.smoothing < 0:
             raise InvalidCase(f"smoothing must not be negative, got {self.smoothing}")
         self._check_sizing()

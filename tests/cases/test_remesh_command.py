@@ -406,13 +406,13 @@ def test_help_of_the_module():
 
 def test_lengths_are_held_or_a_remark_tells(source, tmp_path, capsys):
     out = tmp_path / "out.ply"
-    limits = ["--max-length", 0.15, "--gradation", 1.4, "--sigma", 0]
+    limits = ["--max-length", 0.22, "--gradation", 1.4, "--sigma", 0]
     found = run(capsys, source, out, "--vertices", 1000, *limits)
     mesh = read_surface(out)
     a, b, c = (mesh.points[mesh.faces[:, k]] for k in range(3))
     longest = max(np.linalg.norm(p - q, axis=1).max() for p, q in ((a, b), (b, c), (c, a)))
-    assert longest <= 0.15 * (1 + 1e-6)
-    assert found["options"]["max_length"] == 0.15 and found["options"]["gradation"] == 1.4
+    assert longest <= 0.22 * (1 + 1e-6)
+    assert found["options"]["max_length"] == 0.22 and found["options"]["gradation"] == 1.4
     assert found["notes"] == []
     found = run(capsys, source, out, "--vertices", 300, *limits)
     assert any("the lengths do not allow fewer" in note for note in found["notes"])

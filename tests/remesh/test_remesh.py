@@ -5,7 +5,7 @@ import pytest
 
 from meshes import InvalidCase, InvalidMesh, PlaneSurface, TriMesh
 from meshes.features import find_features
-from meshes.quality import signed_volume
+from meshes.quality import corner_normals, signed_volume
 from meshes.self_intersection import self_intersecting_faces
 from meshes.topology import feature_corners, topology
 from rbf import fit_surface
@@ -137,6 +137,22 @@ def test_lengths_on_a_fitted_sphere_follow_its_curvature():
     corners = face_corner_embedding(mesh.points, mesh.faces, normals[mesh.faces], sigma)
     expected = flat * np.sqrt(1.0 + (sigma / radius) ** 2)
     np.testing.assert_allclose(corner_edge_lengths(corners), expected, rtol=0.05)
+
+
+def test_the_last_passes_improve_the_worst_angles_of_the_space_asked_for():
+    source, sigma = jittered(torus(), 0.1, 1), 0.4
+    worst = {}
+    for quality in (None, "3d", "6d"):
+        result = remesh(source, settings=RemeshSettings(vertices=600, sigma=sigma, quality=quality))
+        mesh = result.mesh
+        check(mesh, genus=1, worst=15.0, mean=40.0)
+        assert result.statistics.inverted_faces == 0
+        assert len(mesh.points) == pytest.approx(600, rel=0.02)
+        corners = face_corner_embedding(mesh.points, mesh.faces, corner_normals(mesh), sigma)
+        flat = corners[:, :, :3]
+        worst[quality] = smallest_angles(flat).min(), smallest_angles(corners).min()
+    assert worst["3d"][0] > worst[None][0] + 10.0
+    assert worst["6d"][1] > worst[None][1] + 2.0
 
 
 def test_cube_keeps_edges_corners_and_planes():
@@ -296,6 +312,8 @@ def test_bad_input_is_refused_in_a_sentence(words):
         {"iterations": 0},
         {"algorithm": "magic"},
         {"smoothing": -1},
+        {"quality": "4d"},
+        {"quality": "3d", "algorithm": "thesis"},
     ],
     ids=str,
 )
