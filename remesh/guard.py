@@ -26,10 +26,10 @@ def sized_length(rows, links, a, b, sigma2, sizing, threshold2):
         the threshold, and above which it is above); see `sizing.Sizing`.
     """
     scales, shortest2, longest2 = sizing
-    position, normal = squared_parts(rows, a, b)
-    square = position + sigma2 * normal
+    square = squared_length(rows, a, b, sigma2)
     if scales.size == 0:
         return square
+    position = squared_length(rows, a, b, 0.0)
     scale = 0.5 * (scales[links[a, HINT]] + scales[links[b, HINT]])
     least = threshold2 * (position / longest2)
     square = max(square, least) * (scale * scale)

@@ -69,7 +69,7 @@ class RemeshSettings:
         Search for better angles at the end.
     quality : "3d", "6d" or None
         Whose worst angles the last passes improve, those in space or in the embedding, at the cost
-        of time; with `max_error` within the bound. None: as sigma has it; none with `max_error`.
+        of time. None: as sigma has it.
     fix_boundary : bool
         Leave open boundaries as they are, bit by bit.
     corner_angle : float [degrees]
@@ -169,6 +169,9 @@ class RemeshSettings:
             raise InvalidCase(f"max_error must be positive, got {self.max_error}")
         if self.vertices is not None:
             raise InvalidCase("ask for a number of vertices or for max_error, not for both")
+        if self.gradation is not None or self.quality is not None:
+            raise InvalidCase("gradation and quality go with vertices or edge_length; with "
+                              "max_error give min_length, max_length or least_angle")  # fmt: skip
         if self.algorithm == "thesis" or self.smoothing > 0:
             raise InvalidCase("max_error holds to the surface as it is: without the thesis's "
                               "algorithm, and without smoothing")  # fmt: skip
