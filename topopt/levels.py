@@ -6,9 +6,10 @@
 
 A step on a mesh of twice the edge length costs an eighth, and the design that it ends with spares
 the fine mesh most of its steps. A coarse mesh cannot resolve the last one's interface: nodes would
-hold it fast. So a coarse level has a wider one, as wide as it resolves but no wider in its own
-elements than that of the last level; the energy of an interface per area, gamma, stays the same.
-The result and its certificate belong to the last mesh alone.
+hold it fast. So eps is twice as long from level to level: as many elements cross the interface on
+each, and a wide one finds the better topology, since bars join and part while they are still soft.
+The energy of an interface per area, gamma, stays the same. The result and its certificate belong to
+the last mesh alone.
 """
 
 from dataclasses import dataclass, replace
@@ -18,13 +19,13 @@ import numpy as np
 from meshes.phase_field import PhaseField
 from meshes.tet_mesh import TetMesh
 from topopt.history import HistoryRow
-from topopt.parameters import auto_eps, least_eps
+from topopt.parameters import auto_eps
 from topopt.problem import Problem
 from topopt.transfer import transferred
 
 REFINEMENT = 2.0  # edge length of a level over that of the next
 COARSE_TOLERANCE = 1e-2  # KKT residual at which a coarse level is left
-COARSE_STAGNATION = 1e-3  # decrease of J over 5 steps at which it is left
+COARSE_STAGNATION = 1e-4  # decrease of J over 5 steps at which it is left: saddles are slow
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +75,13 @@ class Levels:
             return self.problem.eps
         return auto_eps(self.coarsest) / REFINEMENT ** (self.count - 1)
 
-    def eps_on(self, mesh, level):
+    def eps_on(self, level):
         """eps [m] of a level."""
-        if level >= self.count:
-            return self.last_eps
-        widest = self.last_eps * REFINEMENT ** (self.count - level)
-        return max(self.last_eps, min(least_eps(mesh), widest))
+        return self.last_eps * REFINEMENT ** max(self.count - level, 0)
 
     def first(self):
         """The start on the coarsest mesh."""
-        return LevelStart(None, 1, self.problem.gamma, self.eps_on(self.coarsest, 1))
+        return LevelStart(None, 1, self.problem.gamma, self.eps_on(1))
 
     def next(self, mesh, loop, finer, level=None):
         """The start on a finer mesh.
@@ -103,7 +101,7 @@ class Levels:
             A gamma that was chosen keeps its ratio to eps, a given one its value.
         """
         level = loop.level + 1 if level is None else level
-        eps = self.eps_on(finer, level)
+        eps = self.eps_on(level)
         gamma = loop.gamma * (eps / loop.eps if self.problem.gamma is None else 1.0)
         phi = transferred(PhaseField(mesh, loop.phi), finer)
         return LevelStart(phi, level, gamma, eps, loop.history)

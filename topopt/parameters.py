@@ -26,11 +26,6 @@ def auto_eps(mesh):
     return AUTO_ELEMENTS * mean_edge_length(mesh) * np.sqrt(2.0) / np.pi
 
 
-def least_eps(mesh):
-    """eps [m] whose interface is crossed by as few mean edges as can be without a warning."""
-    return LEAST_ELEMENTS * mean_edge_length(mesh) * np.sqrt(2.0) / np.pi
-
-
 def auto_gamma(compliance, volume_fraction, domain_volume, eps):
     """gamma [J/m^2] such that gamma / eps is of the order of the final elastic energy density.
 

@@ -10,7 +10,7 @@ from topopt.checkpoint import Checkpoints
 from topopt.geometry import tet_geometry
 from topopt.levels import Levels, coarse_settings
 from topopt.optimize import OptimizationSettings, optimize
-from topopt.parameters import AUTO_ELEMENTS, auto_eps, least_eps
+from topopt.parameters import auto_eps
 
 SETTINGS = OptimizationSettings(steps=80, tolerance=1e-2, stagnation=0.0, solver="multigrid")
 COARSE, FINE = (6, 2, 4), (12, 4, 8)
@@ -66,21 +66,18 @@ def test_the_fine_start_is_near_the_coarse_end(finished):
     assert first - coarse_end < 0.25 * (begun - coarse_end)
 
 
-def test_eps_of_a_level_is_resolved_but_never_wider_than_the_last_in_its_elements():
+def test_as_many_elements_cross_the_interface_on_every_level():
     coarse, problem = cantilever(COARSE)
-    wide, resolved = least_eps(coarse), Levels(replace(problem, eps=1.0), coarse, 2)
-    assert resolved.eps_on(coarse, 1) == 1.0
-    for eps, expected in ((0.8 * wide, wide), (0.1 * wide, 0.2 * wide)):
-        levels = Levels(replace(problem, eps=eps), coarse, 2)
-        assert levels.eps_on(coarse, 1) == pytest.approx(expected)
-        assert levels.eps_on(coarse, 2) == eps
+    levels = Levels(replace(problem, eps=0.1), coarse, 3)
+    assert [levels.eps_on(level) for level in (1, 2, 3)] == pytest.approx([0.4, 0.2, 0.1])
+    assert levels.first().eps == levels.eps_on(1)
 
 
 def test_what_is_left_open_is_chosen_for_the_last_mesh():
     settings = replace(SETTINGS, steps=1)
-    rough, result, (_, fine) = nested(settings, gamma=None, eps=None)
+    rough, result, (coarse, fine) = nested(settings, gamma=None, eps=None)
     assert result.eps == pytest.approx(auto_eps(fine), rel=0.1)
-    assert rough.eps == pytest.approx(result.eps * 8.0 / AUTO_ELEMENTS, rel=0.1)
+    assert rough.eps == pytest.approx(auto_eps(coarse), rel=1e-12)
     assert result.gamma / result.eps == pytest.approx(rough.gamma / rough.eps, rel=1e-12)
 
 
