@@ -156,7 +156,97 @@ def multiply(indptr, indices, data, coupling, diagonal, learned, lifted, x, out)
         add_rows(lifted, learned, start, stop, out[start:stop])
 
 
+@njit(**PLAIN)
+def _bounds(block, size):
+    """First and last place of a block, and one beyond."""
+    return block * BLOCK, min((block + 1) * BLOCK, size)
+
+
+@njit(**PLAIN)
+def _move(block, step, push, lifted, packed, jacobi, mass, rows, p, q, x, r, t, moment):
+    """x += step p, r -= step H p, t = J^-1 r, and moment = W J^-1 r of the block."""
+    start, stop = _bounds(block, rows.size)
+    part = t[start:stop]
+    for i in range(part.size):
+        part[i] = 0.0
+    add_rows(lifted, packed, start, stop, part)
+    for place in range(start, stop):
+        x[place] += step * p[rows[place]]
+        r[place] -= step * (q[place] + t[place] - push * mass[place])
+        t[place] = r[place] / jacobi[place]
+    row_dots(packed, start, stop, part, moment)
+
+
+@njit(**PLAIN)
+def _precondition(block, shift, packed, jacobi, r, t, z, partial):
+    """z = P^-1 r of the block, and its part of z . r."""
+    start, stop = _bounds(block, r.size)
+    part = z[start:stop]
+    for i in range(part.size):
+        part[i] = 0.0
+    add_rows(shift, packed, start, stop, part)
+    total = 0.0
+    for place in range(start, stop):
+        z[place] = t[place] - z[place] / jacobi[place]
+        total += z[place] * r[place]
+    partial[block, 0] = total
+
+
+@njit(**PLAIN)
+def _turn(block, beta, rows, z, p):
+    """p = z + beta p on the block's rows."""
+    start, stop = _bounds(block, rows.size)
+    for place in range(start, stop):
+        p[rows[place]] = z[place] + beta * p[rows[place]]
+
+
+@njit(**PLAIN)
+def _apply(block, indptr, indices, data, coupling, diagonal, rows, answer, p, q, partial):
+    """q = (H - W^T C W) p of the block, and its parts of p . q and answer . q."""
+    start, stop = _bounds(block, rows.size)
+    s0, s1 = 0.0, 0.0
+    for place in range(start, stop):
+        i = rows[place]
+        gathered = 0.0
+        for entry in range(indptr[i], indptr[i + 1]):
+            gathered += data[entry] * p[indices[entry]]
+        q[place] = diagonal[i] * p[i] + coupling * gathered
+        s0 += p[i] * q[place]
+        s1 += answer[place] * q[place]
+    partial[block, 0], partial[block, 1] = s0, s1
+
+
+@njit(**PLAIN)
+def _along(weight, moment, shift, beta, along, lifted):
+    """along = W p by its recurrence; lifted is overwritten."""
+    small_product(weight, shift, lifted)
+    for a in range(along.size):
+        along[a] = moment[a] - lifted[a] + beta * along[a]
+
+
+MOVE, PRECONDITION, TURN, APPLY = range(4)
+
+
 @njit(parallel=True, **PLAIN)
+def _sweep(
+    task, numbers, indptr, indices, data, coupling, diagonal, jacobi, packed, rows, mass, answer,
+    small, moments, partial, p, q, x, r, t, z,
+):  # fmt: skip
+    """One of the four tasks on all blocks: one parallel loop, since each takes long to compile."""
+    for block in prange(partial.shape[0]):
+        if task == MOVE:
+            step, push = numbers[0], numbers[1]
+            moment, lifted = moments[block], small[3]
+            _move(block, step, push, lifted, packed, jacobi, mass, rows, p, q, x, r, t, moment)
+        elif task == PRECONDITION:
+            _precondition(block, small[1], packed, jacobi, r, t, z, partial)
+        elif task == TURN:
+            _turn(block, numbers[2], rows, z, p)
+        else:
+            _apply(block, indptr, indices, data, coupling, diagonal, rows, answer, p, q, partial)
+
+
+@njit(**PLAIN)
 def conjugate_gradients(
     indptr, indices, data, coupling, diagonal, jacobi, packed, core, inner, weight, rows,
     mass, answer, x, r, tolerance, reduction, max_iterations,
@@ -192,37 +282,20 @@ def conjugate_gradients(
     """
     k, size = packed.shape
     n_blocks = (size + BLOCK - 1) // BLOCK
-    partial, moments = np.zeros((n_blocks, 2)), np.zeros((n_blocks, k))
+    partial, moments, sums = np.zeros((n_blocks, 2)), np.zeros((n_blocks, k)), np.zeros(2)
     p, q, t, z = np.zeros(diagonal.size), np.zeros(size), np.zeros(size), np.zeros(size)
-    moment, shift, along, lifted, held = np.zeros((5, k))
-    sums = np.zeros(2)
-    for a in range(k):
-        held[a] = dot(packed[a], answer)
+    small, numbers = np.zeros((5, k)), np.zeros(3)  # numbers: step, push and beta
+    moment, shift, along, lifted, held = small[0], small[1], small[2], small[3], small[4]
+    matrix = (indptr, indices, data, coupling, diagonal, jacobi, packed, rows, mass, answer)
+    vectors = (small, moments, partial, p, q, x, r, t, z)
+    row_dots(packed, 0, size, answer, held)
     level = dot(mass, answer)
-    step, last, push, kappa, goal = 0.0, 0.0, 0.0, 0.0, tolerance
+    last, kappa, goal = 0.0, 0.0, tolerance
     for iteration in range(max_iterations + 1):
-        for block in prange(n_blocks):  # x += step p, r -= step H p, moments W J^-1 r
-            start, stop = block * BLOCK, min((block + 1) * BLOCK, size)
-            part = t[start:stop]
-            part[:] = 0.0
-            add_rows(lifted, packed, start, stop, part)
-            for place in range(start, stop):
-                x[place] += step * p[rows[place]]
-                r[place] -= step * (q[place] + t[place] - push * mass[place])
-                t[place] = r[place] / jacobi[place]
-            row_dots(packed, start, stop, part, moments[block])
+        _sweep(MOVE, numbers, *matrix, *vectors)
         sum_rows(moments, moment)
         small_product(inner, moment, shift)
-        for block in prange(n_blocks):  # z = P^-1 r
-            start, stop = block * BLOCK, min((block + 1) * BLOCK, size)
-            part = z[start:stop]
-            part[:] = 0.0
-            add_rows(shift, packed, start, stop, part)
-            total = 0.0
-            for place in range(start, stop):
-                z[place] = t[place] - z[place] / jacobi[place]
-                total += z[place] * r[place]
-            partial[block, 0] = total
+        _sweep(PRECONDITION, numbers, *matrix, *vectors)
         sum_rows(partial, sums)
         norm = sums[0]
         if not np.isfinite(norm):
@@ -232,29 +305,17 @@ def conjugate_gradients(
             goal = max(tolerance, reduction * length)
         if length <= goal:
             return iteration, kappa, length
-        beta = norm / last if last > 0.0 else 0.0
-        small_product(weight, shift, lifted)
-        for a in range(k):
-            along[a] = moment[a] - lifted[a] + beta * along[a]
+        numbers[2] = norm / last if last > 0.0 else 0.0
+        _along(weight, moment, shift, numbers[2], along, lifted)
         small_product(core, along, lifted)
-        for place in prange(size):
-            p[rows[place]] = z[place] + beta * p[rows[place]]
-        for block in prange(n_blocks):  # q = (H - W^T C W) p
-            s0, s1 = 0.0, 0.0
-            for place in range(block * BLOCK, min((block + 1) * BLOCK, size)):
-                i = rows[place]
-                gathered = 0.0
-                for entry in range(indptr[i], indptr[i + 1]):
-                    gathered += data[entry] * p[indices[entry]]
-                q[place] = diagonal[i] * p[i] + coupling * gathered
-                s0 += p[i] * q[place]
-                s1 += answer[place] * q[place]
-            partial[block, 0], partial[block, 1] = s0, s1
+        _sweep(TURN, numbers, *matrix, *vectors)
+        _sweep(APPLY, numbers, *matrix, *vectors)
         sum_rows(partial, sums)
         curvature = sums[0] + dot(along, lifted)
         if not curvature > 0.0:
             return -1, kappa, length
-        step, last = norm / curvature, norm
-        push = (sums[1] + dot(held, lifted)) / level if level > 0.0 else 0.0
-        kappa -= step * push
+        last = norm
+        numbers[0] = norm / curvature
+        numbers[1] = (sums[1] + dot(held, lifted)) / level if level > 0.0 else 0.0
+        kappa -= numbers[0] * numbers[1]
     return -1, kappa, length
