@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.sparse import coo_matrix
 
 from meshes.errors import InvalidMesh
 from topopt import geometry_kernels as kernels
+
+_KNOWN = WeakKeyDictionary()  # TetMesh to TetGeometry
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +96,18 @@ def tet_geometry(mesh):
     ------
     InvalidMesh
         If a tet is flat, inverted, or has a coordinate that is not finite.
+
+    Notes
+    -----
+    Kept as long as the mesh is: every stage that asks for it gets the same one.
     """
+    if mesh not in _KNOWN:
+        _KNOWN[mesh] = _computed(mesh)
+    return _KNOWN[mesh]
+
+
+def _computed(mesh):
+    """The TetGeometry itself."""
     origin, a, b, c = (mesh.points[mesh.tets[:, k]] for k in range(4))
     a, b, c = a - origin, b - origin, c - origin
     # The gradient of a corner's hat function is the opposite face's normal, area / (3 volume).

@@ -25,7 +25,7 @@ from topopt.transfer import transferred
 
 REFINEMENT = 2.0  # edge length of a level over that of the next
 COARSE_TOLERANCE = 1e-2  # KKT residual at which a coarse level is left
-COARSE_STAGNATION = 1e-4  # decrease of J over 5 steps at which it is left: saddles are slow
+COARSE_STAGNATION = 5e-4  # decrease of J over 5 steps at which it is left: saddles are slow
 
 
 @dataclass(frozen=True, eq=False)

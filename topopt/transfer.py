@@ -16,6 +16,7 @@ from topopt.transfer_kernels import locate
 
 NEAR, FAR = 0.5854101966249685, 0.1381966011250105  # (5 + 3 sqrt 5) / 20 and (5 - sqrt 5) / 20
 QUADRATURE = np.full((4, 4), FAR) + (NEAR - FAR) * np.eye(4)  # exact for degree 2
+SLICE = 2**17  # tets taken at a time
 TOLERANCE = 1e-12
 MOST_ITERATIONS = 200
 
@@ -99,12 +100,16 @@ def transferred(field, mesh, geometry=None):
     """
     geometry = tet_geometry(mesh) if geometry is None else geometry
     locator, right = TetLocator(field.mesh), np.zeros(len(mesh.points))
-    corners, share = mesh.points[mesh.tets], 0.25 * geometry.volumes
-    for shape in QUADRATURE:
-        nodes, weights = locator.weights(np.einsum("a,eai->ei", shape, corners))
-        values = share * np.einsum("ka,ka->k", weights, field.values[nodes])
-        parts = values[:, None] * shape
-        right += np.bincount(mesh.tets.ravel(), parts.ravel(), minlength=len(right))
+    for begin in range(0, len(mesh.tets), SLICE):
+        tets, share = (
+            mesh.tets[begin : begin + SLICE],
+            0.25 * geometry.volumes[begin : begin + SLICE],
+        )
+        places = (QUADRATURE @ mesh.points[tets]).reshape(-1, 3)  # a tet's four one after another
+        nodes, weights = locator.weights(places)
+        values = np.einsum("ka,ka->k", weights, field.values[nodes]).reshape(-1, 4)
+        parts = (share[:, None] * values) @ QUADRATURE
+        right += np.bincount(tets.ravel(), parts.ravel(), minlength=len(right))
     return solve_mass(mesh, geometry, right)
 
 

@@ -10,6 +10,7 @@ from numba import njit
 
 kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 STACK = 64
+GROUP = 64  # points
 OUTSIDE = -1e-9  # least weight of a corner that still counts as inside: neighbours overlap
 
 
@@ -50,8 +51,17 @@ def locate_one(x, y, z, tree, frames, stack, weights):
 @kernel
 def locate(points, tree, frames, first, last, found, weights):
     """Find the tets around points[first:last]: into found (n,) their places, -1 where there is
-    none, and into weights (n, 4) the weights of their corners."""
-    stack = np.empty(STACK, np.int32)
-    for i in range(first, last):
+    none, and into weights (n, 4) the weights of their corners.
+
+    The last point's tet is tried before the tree is asked, within groups of points that do not
+    depend on how the points are dealt out.
+    """
+    stack, spare, place = np.empty(STACK, np.int32), np.empty(4), -1
+    for i in range(first - first % GROUP, last):
         x, y, z = points[i]
-        found[i] = locate_one(x, y, z, tree, frames, stack, weights[i])
+        row = weights[i] if i >= first else spare
+        fresh = i % GROUP == 0 or place < 0
+        if fresh or weights_in_tet(x, y, z, frames[place], row) < OUTSIDE:
+            place = locate_one(x, y, z, tree, frames, stack, row)
+        if i >= first:
+            found[i] = place
