@@ -1,6 +1,6 @@
 """The whole table, 1.12 million tets, optimised on nested meshes: seconds and memory.
 
-    python benchmarks/whole_table.py [--levels 3] [--tolerance 0.02] [--threads N]
+    python benchmarks/whole_table.py [--levels 2] [--tolerance 0.02] [--threads N]
 
 The quarter of the case `table`, preset `certified`, is meshed (or taken from the cache) and
 mirrored at x = 0 and y = 0, on every level. The feet of the whole table slide, which would leave
@@ -34,7 +34,7 @@ from topopt.problem import Box, BoxDomain, Support  # noqa: E402
 def main():
     """Mesh, mirror, optimise level by level, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--levels", type=int, default=3)
+    parser.add_argument("--levels", type=int, default=2)
     parser.add_argument("--tolerance", type=float, default=0.02)
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--threads", type=int)
