@@ -168,7 +168,6 @@ def simplify_within(mesh, limits, fix_boundary=False, corner_angle=45.0, progres
     """
     progress = (lambda share: None) if progress is None else progress
     share = np.ones(len(mesh.points))
-    crossed = None
     for attempt in range(ATTEMPTS):
         work = BoundedMesh(mesh, limits.error, fix_boundary, corner_angle)
         work.lower_shares(share)
@@ -184,10 +183,8 @@ def simplify_within(mesh, limits, fix_boundary=False, corner_angle=45.0, progres
         inverted = proof.inverted()
         if not (crossing.any() or len(missed) or inverted.any()) or attempt == ATTEMPTS - 1:
             break
-        if crossed is None:
-            crossed = self_intersecting_faces(mesh.points, mesh.faces)
         near = vertices_near(mesh, result, crossing)
-        near[mesh.faces[crossed]] = False
+        near[mesh.faces[work.crossed]] = False
         near |= vertices_near(mesh, result, np.isin(alive, missed) | inverted)
         if not near.any():
             break
@@ -265,13 +262,15 @@ def insert(work, faces, places, targets, limits, may_move):
 def mend(work, limits, proof, missed, turn):
     """Mend triangles that are inverted or stay missed, and put points into those that cross.
 
-    Returns how many changes were made.
+    The latter only where the original does not cross itself. Returns how many changes were made.
     """
     mesh, alive = proof.mesh, proof.alive
     wrong = np.union1d(alive[proof.against()], missed)
     changes = untangle(work, wrong, limits, turn % 2 == 1) if len(wrong) else 0
     places = proof.faces.place[alive]
     crossing = self_intersecting_faces(mesh.points, mesh.faces)
+    if crossing.any() and work.crossed.any():
+        crossing[:] = False
     places[crossing] = mesh.points[mesh.faces[crossing]].mean(axis=1)
     chosen = np.flatnonzero(crossing | proof.far_normals())
     if len(chosen):

@@ -4,11 +4,14 @@ Flat arrays: half-edge 3 f + k of face f starts at its corner k. `state` and `sa
 tuples of arrays that the kernels of this package's `bounded_*` modules take.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from meshes import TriMesh
 from meshes.closest_point import ClosestPoint
 from meshes.quality import area_vectors, corner_normals, face_normals, normalised
+from meshes.self_intersection import self_intersecting_faces
 from meshes.topology import edge_table, feature_corners, feature_mask
 
 INSIDE, ON_CURVE, FIXED = 0, 1, 2
@@ -80,6 +83,11 @@ class BoundedMesh:
         self.samples, self.sample_ends = _samples(
             mesh, table, crease, normals, room_f, self.search.position, error
         )
+
+    @cached_property
+    def crossed(self):
+        """Faces (m,) bool of the original that meet others."""
+        return self_intersecting_faces(self.source.points, self.source.faces)
 
     def lower_shares(self, share):
         """Scale the squared distances allowed to samples by those (n,) of the original's vertices.
