@@ -1,11 +1,15 @@
 """Remeshing quality, fidelity and CPU time on the measured inputs, beside what peers reach.
 
     python benchmarks/remesh.py [NAME ...] [--rotations K] [--metrics FOLDER] [--data FOLDER]
+    python benchmarks/remesh.py --max-error [INPUT ...] [--peers FOLDER] [--data FOLDER]
 
 One line per input: vertices, angles (mean / worst), mean 6D angle at sigma = 0.05 of the diagonal,
 two-sided distance (rms and largest, 1e-5 of the diagonal), volume, self-intersections, and CPU
 seconds of the second run (kernels compiled). The metrics are those of `surface_metrics.py`, which
 needs trimesh, libigl and pymeshlab.
+
+With --max-error instead the vertices that error bounds take, beside those of MeshLib, MeshLab and
+fast-simplification at the same measured error; --peers makes (or takes) their environment.
 """
 
 import argparse
@@ -23,6 +27,7 @@ import numpy as np  # noqa: E402
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.remesh_bound import print_bounds  # noqa: E402
 from meshes import TriMesh  # noqa: E402
 from meshes.features import find_features  # noqa: E402
 from meshes.io import read_surface  # noqa: E402
@@ -100,7 +105,12 @@ def main():
     parser.add_argument("--rotations", type=int, default=0, help="random rotations besides")
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
     parser.add_argument("--metrics", type=Path, default=ROOT.parent / "shared" / "measure")
+    parser.add_argument("--max-error", action="store_true", help="error bounds instead")
+    parser.add_argument("--peers", type=Path, help="folder of a virtual environment for peers")
     options = parser.parse_args()
+    if options.max_error:
+        print_bounds(options.names, options.data, options.peers)
+        return
     sys.path.insert(0, str(options.metrics))
     from surface_metrics import evaluate
 
