@@ -423,8 +423,8 @@ def choose_recipe(settings, mesh, jagged):
     size = extent(mesh)
     if jagged:
         return Recipe(
-            0.0101 * size, 0.0, fits=(0.1,), ridge=0.03, delaunay_rounds=0, first_search=(2, 2, 3),
-            later_search=(4,),
+            0.0101 * size, 0.0, least3=39.7, floor=39.5, fits=(0.1,), ridge=0.03,
+            delaunay_rounds=0, first_search=(2, 2, 3), later_search=(4,),
         )  # fmt: skip
     return Recipe(
         0.0229 * size, 0.0, short=0.72, long=1.38, agreement=0.1, fits=(0.1, 0.1), order=3,
