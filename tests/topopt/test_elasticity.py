@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from skfem import LinearForm
 
 from meshes.structured import bcc_box
@@ -268,6 +268,34 @@ def test_a_warm_start_needs_fewer_iterations(bridge, bridge_states):
     warm = models["multigrid"].solve(moved, start=start, tolerance=1e-5)
     assert warm.iterations < cold.iterations
     assert warm.compliance == pytest.approx(cold.compliance, rel=1e-8)
+
+
+def test_near_designs_are_solved_as_exactly_with_the_hierarchy_at_hand(bridge):
+    mesh, conditions, phi = bridge
+    near, anew = (ElasticModel(mesh, twin.make_problem(), conditions, "multigrid") for _ in "ab")
+    near.solve(phi, tolerance=1e-3)
+    other = np.clip(phi + 0.01 * np.random.default_rng(3).standard_normal(len(phi)), 0.0, 1.0)
+    found, expected = (
+        near.solve(other, tolerance=1e-9, near=True),
+        anew.solve(other, tolerance=1e-9),
+    )
+    assert found.residual <= 1e-9 and found.iterations >= expected.iterations
+    assert found.compliance == pytest.approx(expected.compliance, rel=1e-12)
+    assert_array_equal(  # the hierarchy of another design is not kept for longer than asked
+        near.solve(other, tolerance=1e-9).displacement, expected.displacement
+    )
+
+
+def test_responses_are_those_of_the_state_handed_in(bridge):
+    """Stresses are kept between responses to one state, and not for another."""
+    mesh, conditions, phi = bridge
+    kept, anew = (ElasticModel(mesh, twin.make_problem(), conditions, "multigrid") for _ in "ab")
+    direction = np.random.default_rng(4).standard_normal(len(phi))
+    first, second = (kept.solve(p, tolerance=1e-8) for p in (phi, 0.1 + 0.8 * phi))
+    kept.response(phi, first, direction)
+    after = kept.response(0.1 + 0.8 * phi, second, direction, tolerance=1e-8)
+    alone = anew.response(0.1 + 0.8 * phi, second, direction, tolerance=1e-8)
+    assert_array_equal(after.energy_density, alone.energy_density)
 
 
 def test_compliance_of_a_loose_warm_start_is_second_order(bridge, bridge_states):

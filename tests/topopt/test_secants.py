@@ -43,6 +43,23 @@ def test_compact_form_is_the_chain_of_updates():
     )
 
 
+def test_pairs_taken_over_to_another_base_give_the_bits_of_new_ones():
+    pairs, none = curved_pairs(5), Secants.none(len(ENERGY.mass))
+    first = SecantMetric(none, ENERGY.stiffness, COUPLING, ENERGY.mass)
+    for step, change in zip(pairs.steps, pairs.changes):
+        first.learn(step, change)
+    diagonal = ENERGY.mass * np.linspace(1.0, 3.0, len(ENERGY.mass))
+    taken_over = first.rebased(diagonal)
+    for count in (5, 6):  # as they are, and with one more pair
+        new = SecantMetric(taken_over.secants, ENERGY.stiffness, COUPLING, diagonal)
+        assert len(taken_over.secants.steps) == count
+        for part, whole in zip(taken_over.low_rank_part(), new.low_rank_part(), strict=True):
+            np.testing.assert_array_equal(part, whole)
+        more = curved_pairs(1, seed=7)
+        taken_over.learn(more.steps[0], more.changes[0])
+    assert len(first.secants.steps) == 5  # the one taken over from knows nothing of it
+
+
 @pytest.mark.parametrize("least", [-3.0, 0.0])
 def test_definite_where_the_objective_bends_downward(least):
     secants = curved_pairs(8, seed=1, least=least)
