@@ -32,7 +32,14 @@ from remesh.bounded_kernels import (
 )
 from remesh.bounded_mend import untangle
 from remesh.bounded_mesh import BoundedMesh
-from remesh.bounded_original import inverted_count, leaves_original, place_near, wrong_count
+from remesh.bounded_original import (
+    LEAST_COSINE,
+    inverted_count,
+    leaves_original,
+    place_near,
+    turned_against,
+    wrong_count,
+)
 from remesh.bounded_proof import BoundProof
 from remesh.bounded_relax import best_move, fill_flipped, flip, joined, relax_within, solve_three
 from remesh.layout import make_layout
@@ -233,6 +240,23 @@ def test_the_original_is_near_and_looks_the_same_way(work):
             assert not leaves or inside or any(True in a for a in answers)
             seen += [inverted > 0, sum(far) > 0, wrong == 0]
     assert (seen > 0).all()
+
+
+def test_turned_against_the_interpolated_normal_or_the_triangles_own():
+    rng, seen = np.random.default_rng(11), np.zeros((2, 2), int)
+    for _ in range(200):
+        own, corners = rng.normal(size=3), rng.normal(size=(3, 3))
+        flat = np.zeros((1, 12))
+        flat[0, 9:] = own
+        v, w = rng.dirichlet(np.ones(3))[:2]
+        star = triangle_row(rng.normal(size=(3, 3)))
+        normal, smooth = star[0, 9:12], np.array([1.0 - v - w, v, w]) @ corners
+        least = LEAST_COSINE * np.linalg.norm(smooth) * np.linalg.norm(normal)
+        against = normal @ own < 0.0, normal @ smooth < least
+        reference_ = ((flat, flat, flat, flat), flat, corners.reshape(1, 9))
+        assert turned_against(star, 0, 0, v, w, reference_) == any(against)
+        seen[against[0] * 1, against[1] * 1] += 1
+    assert (seen > 10).all()
 
 
 def test_a_move_fits_the_samples_best(work):
