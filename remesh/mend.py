@@ -42,7 +42,7 @@ PASSES = (False, False, True, False, True)  # whether two changes in a row are t
 MOST, MOST_SHARE, MOST_DEEP, BRANCHES = 40, 0.002, 12, 3  # triangles and their share; deep; first
 STEP, DIRECTIONS, WEIGHT = 0.15, 6, 20.0
 LEAST_GAIN, FLIP_GAIN = 0.9, 1e-8  # of the cost; of the tangent of the least angle
-MOST_SPLITS = 64
+MOST_SPLITS, MOST_ADDED = 64, 0.008  # splits there is room for; vertices added, as a share
 LEAST_TRIES, TRIES_SHARE = 500, 1 / 15  # changes tried at most, and more by share of triangles
 RINGS, CORE = 6, 2  # around a triangle: what is remembered; where a second change may begin
 KEEP, FLIP, SPLIT, COLLAPSE = range(4)
@@ -94,6 +94,7 @@ class Mender:
         self.steps = np.zeros(len(work.links))
         self.mark = np.zeros(len(work.links), np.int64)
         self.tries = LEAST_TRIES + int(TRIES_SHARE * work.counts[TRIANGLES])
+        self.spare = int(MOST_ADDED * work.vertices)  # vertices that may still be added
 
     def corners_of(self, t):
         """The rows at the corners of a triangle, sorted."""
@@ -142,8 +143,10 @@ class Mender:
             if then and then[0][0] < best:
                 best, steps = then[0][0], (first, then[0][1])
             region.restore(state)
+        self.spare += self.work.vertices
         for step in steps:
             self.change(region, *step)
+        self.spare -= self.work.vertices
         return len(steps) > 0
 
     def try_all(self, region, t, least_agreement):
@@ -151,6 +154,8 @@ class Mender:
         found, state = [], region.state()
         near = neighbourhood(self.work, t)
         for kind, h in changes_at(self.work.halves, t):
+            if kind == SPLIT and self.spare <= 0:
+                continue
             if self.change(region, kind, h, t, near):
                 cost, agree = self.cost(region.triangles())
                 if agree >= least_agreement:

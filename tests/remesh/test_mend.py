@@ -9,7 +9,7 @@ from remesh.carrier import make_carrier
 from remesh.connectivity import BASE, EDGES, KIND, ORIGIN, TRIANGLES, following
 from remesh.embedding import smallest_angles
 from remesh.halfedge import WorkMesh
-from remesh.mend import Mender, changes_at, raise_worst
+from remesh.mend import MOST_ADDED, Mender, changes_at, raise_worst
 from remesh.region import Region
 from remesh.split import split_long_edges
 from tests.remesh.reference import broken_links
@@ -109,6 +109,14 @@ def test_floors_out_of_reach_do_no_harm():
         after[0] > before[0]
         and np.maximum(50.0 - after, 0.0).sum() < 0.7 * np.maximum(50.0 - before, 0.0).sum()
     )
+
+
+def test_the_count_stays_within_its_share():
+    work = WorkMesh(make_carrier(jittered(hemisphere(2), 0.5, 1)))
+    count = work.vertices
+    assert MOST_ADDED * count < 1.0
+    raise_worst(work, 35.0, 0.0, -1.0, 0.1)
+    assert work.vertices <= count
 
 
 def test_three_neighbours_with_four_edges_each_are_mended():
