@@ -9,10 +9,11 @@ from remesh.bounded_kernels import (
     MOST_STAR,
     STAR_WIDTH,
     assign,
-    complete_row,
     fill_fan,
     fill_star,
+    fill_triangle,
     gather,
+    gather_fan,
     least_sine,
     measure,
     ring_of,
@@ -176,12 +177,7 @@ def put_row(fan, i, face, p, q):
 @kernel
 def fill_face(points, corner, f, star, i):
     """Row i of a star for face f as it is."""
-    a, b, c = corner[3 * f], corner[3 * f + 1], corner[3 * f + 2]
-    for d in range(3):
-        star[i, d] = points[a, d]
-        star[i, 3 + d] = points[b, d] - points[a, d]
-        star[i, 6 + d] = points[c, d] - points[a, d]
-    complete_row(star, i)
+    fill_triangle(points, corner[3 * f], corner[3 * f + 1], corner[3 * f + 2], star, i)
 
 
 @kernel
@@ -216,9 +212,7 @@ def move_corner(state, samples, v, x, original, room):
     count = fill_fan(state, v, ring, ring_of(twin, first, v, ring), -1, fan, 0)
     if count == 0:
         return False
-    filled = 0
-    for i in range(count):
-        filled = gather(samples[0], samples[1], fan[i, 0], pool, filled)
+    filled = gather_fan(samples, fan, count, pool)
     t = place_of(samples, pool, filled, x, reference, nodes, squares)
     fill_star(points, fan, count, points[v], star)
     before = inverted_count(star, count, t, reference, nodes, squares)

@@ -227,6 +227,25 @@ def gather(head, after, face, pool, filled):
 
 
 @kernel
+def gather_fan(samples, fan, count, pool):
+    """Write the samples of a fan's faces to pool; returns how many."""
+    filled = 0
+    for i in range(count):
+        filled = gather(samples[0], samples[1], fan[i, 0], pool, filled)
+    return filled
+
+
+@kernel
+def fill_triangle(points, a, b, c, star, i):
+    """Row i of a star for the triangle (a, b, c)."""
+    for d in range(3):
+        star[i, d] = points[a, d]
+        star[i, 3 + d] = points[b, d] - points[a, d]
+        star[i, 6 + d] = points[c, d] - points[a, d]
+    complete_row(star, i)
+
+
+@kernel
 def measure(state, samples, fan, star, count, hub, pool, filled, limit2, cosine, found):
     """Assign the pooled samples to the star: sum of (squared distance / allowed)^2, -1 if too far.
 

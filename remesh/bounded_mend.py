@@ -15,26 +15,22 @@ from remesh.bounded_kernels import (
     assign,
     fill_fan,
     fill_star,
+    fill_triangle,
     gather,
+    gather_fan,
     least_sine,
     measure,
     ring_of,
 )
 from remesh.bounded_mesh import INSIDE
 from remesh.bounded_original import place_near, wrong_count
-from remesh.bounded_relax import fill_flipped, fill_triangle, flip, joined, quad_measure
+from remesh.bounded_relax import fill_flipped, flip, joined, quad_measure
 from remesh.compiled import allocating, kernel
 from remesh.connectivity import following, preceding
 
 ANY_COST = 1e100
-SHARES = (
-    -1.0,
-    1.0,
-    0.5,
-    0.25,
-    0.75,
-    0.125,
-)  # of the way from a corner to the middle of its neighbours
+# Of the way from a corner to the middle of its neighbours; negative: onto the original.
+SHARES = (-1.0, 1.0, 0.5, 0.25, 0.75, 0.125)
 LEAST_SHAPE = 0.01  # height over longest edge
 
 
@@ -146,9 +142,7 @@ def move_wrong(state, samples, v, limit2, original, room):
         return False
     around = ring_of(twin, first, v, ring)
     count = fill_fan(state, v, ring, around, -1, fan, 0)
-    filled = 0
-    for i in range(count):
-        filled = gather(samples[0], samples[1], fan[i, 0], pool, filled)
+    filled = gather_fan(samples, fan, count, pool)
     if count == 0 or filled == 0:
         return False
     t = samples[6][pool[0]]

@@ -16,10 +16,11 @@ from remesh.bounded_kernels import (
     agreement_with,
     assign,
     closest_in_star,
-    complete_row,
     fill_fan,
     fill_star,
+    fill_triangle,
     gather,
+    gather_fan,
     least_sine,
     measure,
     nearest_curve,
@@ -134,9 +135,7 @@ def sweep_moves(state, samples, counts, figures, reference, chosen, pool, found)
         if count == 0:
             continue
         count = fill_fan(state, v, ring, count, -1, fan, 0)
-        filled = 0
-        for i in range(count):
-            filled = gather(samples[0], samples[1], fan[i, 0], pool, filled)
+        filled = gather_fan(samples, fan, count, pool)
         fill_star(points, fan, count, points[v], star)
         before = measure(
             state, samples, fan, star, count, points[v], pool, filled, FAR, -1.0, found
@@ -203,16 +202,6 @@ def fill_flipped(state, h, fan):
     fan[0, 3], fan[0, 4], fan[0, 5] = 0, crease[preceding(g)], crease[following(h)]
     fan[1, 0], fan[1, 1], fan[1, 2] = g // 3, corner[preceding(h)], corner[h]
     fan[1, 3], fan[1, 4], fan[1, 5] = 0, crease[preceding(h)], crease[following(g)]
-
-
-@kernel
-def fill_triangle(points, a, b, c, star, i):
-    """Row i of a star for the triangle (a, b, c)."""
-    for d in range(3):
-        star[i, d] = points[a, d]
-        star[i, 3 + d] = points[b, d] - points[a, d]
-        star[i, 6 + d] = points[c, d] - points[a, d]
-    complete_row(star, i)
 
 
 @kernel
