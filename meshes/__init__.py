@@ -1,6 +1,7 @@
 """What the stages hand to each other: meshes, fields, implicit surfaces, and checks on them."""
 
 from meshes.errors import InvalidCase, InvalidMesh, NotConverged
+from meshes.kernel_cache import drop_stale_kernels
 from meshes.patch import Patch, Plane, SymmetryPlane
 from meshes.phase_field import PhaseField
 from meshes.surface import ImplicitSurface, PlaneSurface
@@ -20,3 +21,5 @@ __all__ = [
     "TetMesh",
     "TriMesh",
 ]
+
+drop_stale_kernels()  # before the first kernel is loaded
