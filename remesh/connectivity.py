@@ -22,7 +22,7 @@ The operations here only rearrange: whether one is allowed is decided in `collap
 `flip`. `counts` holds [rows used, triangles used, first free row, first free triangle, vertices].
 """
 
-from remesh.compiled import kernel
+from remesh.compiled import hot, kernel
 
 ORIGIN, TWIN, CREASE = 0, 1, 2
 BASE, OTHER, HINT, OUT, EDGES, KIND, IDEAL, DIRTY = range(8)
@@ -44,7 +44,7 @@ def preceding(h):
     return h + 2 if h % 3 == 0 else h - 1
 
 
-@kernel
+@hot
 def ring(halves, links, vertex, out):
     """Write the half-edges that leave a vertex, turning left; return (how many, is it closed).
 
@@ -70,7 +70,7 @@ def target_base(halves, links, h):
     return links[halves[following(h), ORIGIN], BASE]
 
 
-@kernel
+@hot
 def adjacent(halves, links, a, b):
     """Whether vertices a and b share an edge."""
     first = links[a, OUT]

@@ -11,12 +11,12 @@ import math
 
 import numpy as np
 
-from remesh.compiled import kernel
+from remesh.compiled import hot
 
 DEGREES = 180.0 / math.pi
 
 
-@kernel
+@hot
 def squared_parts(rows, a, b):
     """|x_a - x_b|^2 and |n_a - n_b|^2 of two rows."""
     position = 0.0
@@ -29,14 +29,14 @@ def squared_parts(rows, a, b):
     return position, normal
 
 
-@kernel
+@hot
 def squared_length(rows, a, b, sigma2):
     """|Psi(a) - Psi(b)|^2 of two rows."""
     position, normal = squared_parts(rows, a, b)
     return position + sigma2 * normal
 
 
-@kernel
+@hot
 def least_angle(first, second, third):
     """Sine and cosine, times one factor, of a triangle's smallest angle from its squared edges."""
     short, p, q = first, second, third
@@ -49,14 +49,14 @@ def least_angle(first, second, third):
     return (math.sqrt(max(area, 0.0)), cosine) if cosine > 0.0 else (0.0, 1.0)
 
 
-@kernel
+@hot
 def least_tangent(first, second, third):
     """Tangent of the smallest angle of the triangle with these squared edge lengths."""
     sine, cosine = least_angle(first, second, third)
     return sine / cosine
 
 
-@kernel
+@hot
 def degrees_of(sine, cosine):
     """Angle [degrees] between 0 and 60, to 6e-5 degrees, with one division and no atan.
 
@@ -69,7 +69,7 @@ def degrees_of(sine, cosine):
     return DEGREES * sine * cosine * above / below
 
 
-@kernel
+@hot
 def triangle_tangent(rows, a, b, c, sigma2):
     """Tangent of the smallest 6D angle of the triangle of three rows."""
     return least_tangent(
@@ -79,7 +79,7 @@ def triangle_tangent(rows, a, b, c, sigma2):
     )
 
 
-@kernel
+@hot
 def fourfold_area(first, second, third):
     """Four times the area of the triangle with these squared edge lengths."""
     mixed = first * second + second * third + third * first
@@ -87,7 +87,7 @@ def fourfold_area(first, second, third):
     return math.sqrt(max(2.0 * mixed - squares, 0.0))
 
 
-@kernel
+@hot
 def triangle_normal(rows, a, b, c):
     """Normal of the triangle of three rows, as long as twice its area."""
     ux, uy, uz = rows[b, 0] - rows[a, 0], rows[b, 1] - rows[a, 1], rows[b, 2] - rows[a, 2]
@@ -95,7 +95,7 @@ def triangle_normal(rows, a, b, c):
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
-@kernel
+@hot
 def agreement(rows, a, b, c):
     """Least cosine between the normal of a triangle and the surface's normals at its corners."""
     x, y, z = triangle_normal(rows, a, b, c)

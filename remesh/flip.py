@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from remesh.compiled import allocating, kernel
+from remesh.compiled import allocating, hot, kernel
 from remesh.connectivity import (
     BASE,
     CREASE,
@@ -71,18 +71,17 @@ def flip_edges(work, sigma, limits, rule=DELAUNAY, passes=5, ridge_angle=60.0, c
 
 def near_dirty(work):
     """Half-edges, in order, among which are those near a vertex with DIRTY = 1."""
-    everything = np.arange(3 * int(work.counts[TRIANGLES]))
-    room = everything.size // FEW
-    listed = np.empty(room + 3 * MAX_RING, np.int64)
-    count = list_near_dirty(work.halves, work.links, work.counts, room, listed)
-    return everything if count > room else np.unique(listed[:count])
+    chosen = np.zeros(3 * int(work.counts[TRIANGLES]), np.bool_)
+    if mark_near_dirty(work.halves, work.links, work.counts, chosen.size // FEW, chosen):
+        return np.flatnonzero(chosen)
+    return np.arange(chosen.size)
 
 
 @allocating
-def list_near_dirty(halves, links, counts, most, listed):
-    """Write one half-edge of each edge of the triangles at vertices with DIRTY = 1 (some twice).
+def mark_near_dirty(halves, links, counts, most, chosen):
+    """Mark one half-edge of each edge of the triangles at vertices with DIRTY = 1.
 
-    Returns how many; stops above `most`.
+    Returns whether it came to an end: it stops where triangles meet `most` such vertices.
     """
     fan = np.empty(MAX_RING, np.int64)
     found = 0
@@ -94,15 +93,15 @@ def list_near_dirty(halves, links, counts, most, listed):
             h = fan[i]
             for _ in range(2):  # the spoke, and the edge opposite to the vertex
                 if halves[h, TWIN] >= 0:
-                    listed[found] = min(h, halves[h, TWIN])
-                    found += 1
+                    chosen[min(h, halves[h, TWIN])] = True
                 h = following(h)
+        found += 2 * count
         if found > most:
-            break
-    return found
+            return False
+    return True
 
 
-@kernel
+@hot
 def evens_valences(links, a, b, c, d):
     """Whether taking an edge from a, b and giving one to c, d brings them nearer to ideal."""
     give = links[a, EDGES] - links[a, IDEAL] + links[b, EDGES] - links[b, IDEAL]
@@ -133,7 +132,7 @@ def thesis_wants(rows, a, b, c, d, sigma2, ridge_cosine):
     return x * u + y * v + z * w >= ridge_cosine * size
 
 
-@kernel
+@hot
 def tangents_of_flip(rows, a, b, c, d, sigma2):
     """Tangents of the least 6D angle of the two triangles at edge a-b, and at edge c-d."""
     ab, cd = squared_length(rows, a, b, sigma2), squared_length(rows, c, d, sigma2)
@@ -143,7 +142,7 @@ def tangents_of_flip(rows, a, b, c, d, sigma2):
     return before, min(least_tangent(cd, ca, ad), least_tangent(cd, db, bc))
 
 
-@kernel
+@hot
 def flip_allowed(rows, a, b, c, d, limits):
     """Whether the triangles (c, a, d) and (d, b, c) may replace (a, b, c) and (b, a, d)."""
     after = min(agreement(rows, c, a, d), agreement(rows, d, b, c))

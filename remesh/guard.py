@@ -2,12 +2,12 @@
 
 import math
 
-from remesh.compiled import inlined, kernel
+from remesh.compiled import hot
 from remesh.connectivity import CREASE, HINT, ORIGIN, TWIN, following, preceding
 from remesh.embedding import least_angle, squared_length, squared_parts
 
 
-@kernel
+@hot
 def squared_edge(rows, halves, h, sigma2):
     """6D length^2 of a half-edge's edge; on a feature curve the larger of its two sides'."""
     length = squared_length(rows, halves[h, ORIGIN], halves[following(h), ORIGIN], sigma2)
@@ -18,7 +18,7 @@ def squared_edge(rows, halves, h, sigma2):
     return length
 
 
-@kernel
+@hot
 def sized_length(rows, links, a, b, sigma2, sizing, threshold2):
     """6D length^2 of two rows as `sizing` has it, to be compared with threshold2.
 
@@ -38,7 +38,7 @@ def sized_length(rows, links, a, b, sigma2, sizing, threshold2):
     return max(square, least)
 
 
-@kernel
+@hot
 def sized_edge(rows, links, halves, h, sigma2, sizing, threshold2):
     """`sized_length` of a half-edge's edge; on a feature curve the larger of its two sides'."""
     a, b = halves[h, ORIGIN], halves[following(h), ORIGIN]
@@ -50,7 +50,7 @@ def sized_edge(rows, links, halves, h, sigma2, sizing, threshold2):
     return length
 
 
-@kernel
+@hot
 def gather_star(halves, rows, fan, count, star):
     """Write what stays the same of a fan's triangles while its centre moves.
 
@@ -65,7 +65,7 @@ def gather_star(halves, rows, fan, count, star):
         star[i, 12], star[i, 13] = squared_parts(rows, b, c)
 
 
-@inlined
+@hot
 def spoke_parts(rows, a, star, i, first):
     """Squared distances of positions and normals from a row to a corner in a star."""
     position, turn = 0.0, 0.0
@@ -77,7 +77,7 @@ def spoke_parts(rows, a, star, i, first):
     return position, turn
 
 
-@inlined
+@hot
 def star_triangle(rows, a, star, i, sigma2):
     """Sine and cosine of the least 6D angle of a triangle of a star, and of the 3D one, each pair
     times some factor; twice its area times its agreement, and twice its area.
@@ -105,7 +105,7 @@ def star_triangle(rows, a, star, i, sigma2):
     return sine6, cosine6, sine3, cosine3, normal, area
 
 
-@kernel
+@hot
 def star_quality(rows, halves, fan, count, star, sigma2):
     """Tangents of the least 6D and 3D angle, and least agreement with the normals, in a star."""
     sine6, cosine6, sine3, cosine3, normal, area = 1.0, 0.0, 1.0, 0.0, 1.0, 1.0
@@ -122,13 +122,13 @@ def star_quality(rows, halves, fan, count, star, sigma2):
     return sine6 / cosine6, sine3 / cosine3, normal / area
 
 
-@kernel
+@hot
 def reaches(quality, limits):
     """Whether angles and agreement reach their limits (see `no_worse`)."""
     return quality[0] >= limits[0] and quality[1] >= limits[1] and quality[2] >= limits[2]
 
 
-@kernel
+@hot
 def no_worse(after, before, limits):
     """Whether angles and agreement after a move reach their limits, or have not fallen.
 

@@ -1,6 +1,6 @@
 """Moving one vertex: on its patch by closest point, on its curve by arc length, and back."""
 
-from remesh.compiled import kernel
+from remesh.compiled import hot, kernel
 from remesh.connectivity import (
     CREASE,
     HINT,
@@ -15,7 +15,7 @@ from remesh.guard import squared_edge
 from remesh.nearest import place
 
 
-@kernel
+@hot
 def save_vertex(rows, links, vertex, saved, saved_hints):
     """Copy the rows of a vertex (as many as `saved` holds)."""
     r = vertex
@@ -28,7 +28,7 @@ def save_vertex(rows, links, vertex, saved, saved_hints):
             break
 
 
-@kernel
+@hot
 def restore_vertex(rows, links, vertex, saved, saved_hints):
     """Undo what was done to a vertex since `save_vertex`."""
     r = vertex
@@ -41,7 +41,7 @@ def restore_vertex(rows, links, vertex, saved, saved_hints):
             break
 
 
-@kernel
+@hot
 def move_inside(rows, links, vertex, foot, shift, scale, reference, point):
     """Put a vertex at the carrier's point nearest to foot + scale * shift, plus its offset.
 

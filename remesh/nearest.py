@@ -20,7 +20,7 @@ grid : (7,) float64
 
 import math
 
-from remesh.compiled import inlined, kernel
+from remesh.compiled import hot, kernel
 
 MOST_CROSSINGS = 40
 INSIDE = 1.0 - 1e-12  # barycentric sum below which a point is not on the far edge
@@ -29,13 +29,13 @@ ROUNDING = 3e-7  # relative: float32 keeps boxes that are larger by this outside
 NEAR = 0.25  # of a cell: a walk that ends farther off is not trusted
 
 
-@inlined
+@hot
 def clipped(x):
     """x limited to [0, 1]."""
     return min(max(x, 0.0), 1.0)
 
 
-@inlined
+@hot
 def triangle_distance(corners, t, x, y, z):
     """Closest point of triangle t as barycentric (v, w), and the squared distance to it."""
     px, py, pz = x - corners[t, 0], y - corners[t, 1], z - corners[t, 2]
@@ -66,7 +66,7 @@ def triangle_distance(corners, t, x, y, z):
     return v, w, dx * dx + dy * dy + dz * dz
 
 
-@kernel
+@hot
 def walk(reference, x, y, z, hint):
     """Triangle reached from `hint` by crossing edges towards a point: (t, v, w, distance^2).
 
@@ -129,7 +129,7 @@ def closest(reference, x, y, z, hint):
     return nearest, best_v, best_w, least
 
 
-@kernel
+@hot
 def near(reference, x, y, z, hint):
     """What `walk` finds, or `closest` where that is far off."""
     t, v, w, square = walk(reference, x, y, z, hint)
@@ -139,7 +139,7 @@ def near(reference, x, y, z, hint):
     return t, v, w, square
 
 
-@kernel
+@hot
 def point_and_normal(reference, t, v, w, out):
     """Write the point (v, w) of carrier triangle t and the normal interpolated there (6,)."""
     corners, normals = reference[0], reference[1]
@@ -156,7 +156,7 @@ def point_and_normal(reference, t, v, w, out):
             out[3 + k] /= length
 
 
-@kernel
+@hot
 def place(reference, x, y, z, hint, offset, out):
     """Point of the carrier near (x, y, z), moved by `offset` along the normal there.
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from remesh.compiled import allocating, kernel
+from remesh.compiled import allocating, hot
 from remesh.connectivity import (
     BASE,
     CORNER,
@@ -14,6 +14,7 @@ from remesh.connectivity import (
     ORIGIN,
     PARAMETER,
     following,
+    preceding,
     ring,
 )
 from remesh.embedding import degrees_of
@@ -84,7 +85,7 @@ def optimise_vertices(
     )  # fmt: skip
 
 
-@kernel
+@hot
 def star_cost(rows, halves, fan, count, star, settings, bound):
     """Cost of the triangles around a vertex (see `optimise_vertices`); stops above `bound`."""
     sigma2, power, least3, weight3, least_agreement, tangent_least3 = settings
@@ -113,7 +114,7 @@ def star_cost(rows, halves, fan, count, star, settings, bound):
     return cost
 
 
-@kernel
+@hot
 def held_cost(rows, v, hold, weight):
     """Weight times the quadratic form of a vertex's displacement from where a fit put it."""
     if weight == 0.0:
@@ -124,7 +125,7 @@ def held_cost(rows, v, hold, weight):
     return weight * (square + 2.0 * mixed)
 
 
-@kernel
+@hot
 def wants_search(rows, halves, fan, count, star, settings, only_below):
     """Whether a star has a triangle below the bounds of the search."""
     if only_below >= 60.0:
@@ -134,7 +135,7 @@ def wants_search(rows, halves, fan, count, star, settings, only_below):
     return degrees_of(tangent6, 1.0) < only_below or bad3 or normal < settings[4]
 
 
-@kernel
+@hot
 def mean_edge(rows, halves, fan, count, star):
     """Root mean square of the lengths of the edges at the centre of a star."""
     total = 0.0
@@ -143,7 +144,7 @@ def mean_edge(rows, halves, fan, count, star):
     return math.sqrt(total / count)
 
 
-@kernel
+@hot
 def tangent_frame(rows, v, frame):
     """Write two unit vectors (2, 3) that span the tangent plane of a row."""
     x, y, z = rows[v, 3], rows[v, 4], rows[v, 5]
@@ -159,7 +160,7 @@ def tangent_frame(rows, v, frame):
     frame[1, 2] = x * frame[0, 1] - y * frame[0, 0]
 
 
-@kernel
+@hot
 def try_move(
     halves, links, rows, v, fan, count, star, on_curve, saved, shift, scale, settings, bound,
     hold, hold_weight, reference, curves, point,
@@ -176,12 +177,14 @@ def try_move(
     return cost + star_cost(rows, halves, fan, count, star, settings, bound - cost)
 
 
-@kernel
-def wake_neighbours(halves, links, fan, count, steps):
+@hot
+def wake_neighbours(halves, links, fan, count, closed, steps, content):
     """Let the vertices around a moved one search again."""
-    for i in range(count):
-        u = links[halves[following(fan[i]), ORIGIN], BASE]
+    for i in range(count if closed else count + 1):
+        h = following(fan[i]) if i < count else preceding(fan[count - 1])
+        u = links[halves[h, ORIGIN], BASE]
         steps[u] = max(steps[u], 2.0 * SHORTEST_STEP)
+        content[u] = False
 
 
 @allocating
@@ -195,12 +198,13 @@ def sweep_search(
     ends = np.empty((2, 9))
     saved, saved_hints = np.empty((2, 8)), np.empty(2, np.int64)
     best_rows, best_hints = np.empty((2, 8)), np.empty(2, np.int64)
+    content = np.zeros(links.shape[0], np.bool_)  # no search wanted since a neighbour moved
     moved, visited = 0, 0
     for sweep in range(sweeps):
         moved, visited = 0, 0
         for index in range(listed.size):
             v = listed[index]
-            if links[v, KIND] == CORNER or steps[v] < SHORTEST_STEP:
+            if content[v] or links[v, KIND] == CORNER or steps[v] < SHORTEST_STEP:
                 continue
             on_curve = links[v, KIND] == CURVE
             count, closed = ring(halves, links, v, fan)
@@ -208,6 +212,7 @@ def sweep_search(
                 continue
             gather_star(halves, rows, fan, count, star)
             if not wants_search(rows, halves, fan, count, star, settings, only_below):
+                content[v] = True
                 continue
             if on_curve and not curve_neighbours(
                 halves, links, rows, v, fan, count, closed, 0.0, curves, four
@@ -251,7 +256,7 @@ def sweep_search(
             if success:
                 restore_vertex(rows, links, v, best_rows, best_hints)
                 steps[v] = min(steps[v] * max(GROWTH, 0.5 * scale), LONGEST_STEP)
-                wake_neighbours(halves, links, fan, count, steps)
+                wake_neighbours(halves, links, fan, count, closed, steps, content)
                 moved += 1
             else:
                 restore_vertex(rows, links, v, saved, saved_hints)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from remesh.compiled import allocating, kernel
+from remesh.compiled import allocating, hot, kernel
 from remesh.connectivity import (
     BASE,
     CORNER,
@@ -65,7 +65,7 @@ def smooth_vertices(
     )  # fmt: skip
 
 
-@kernel
+@hot
 def pull(halves, rows, fan, count, sigma2, weights, target, shift):
     """Write the full smoothing step (3,) of the centre of a closed fan."""
     shift[0] = shift[1] = shift[2] = 0.0
@@ -110,7 +110,7 @@ def least_height(halves, rows, fan, count):
     return least
 
 
-@kernel
+@hot
 def tangential_step(halves, rows, vertex, fan, count, sigma2, weights, factor, target, clip, shift):
     """Write the step of a vertex inside its patch, in the tangent plane and clipped."""
     pull(halves, rows, fan, count, sigma2, weights, target, shift)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from remesh.compiled import allocating, kernel
+from remesh.compiled import allocating, hot, kernel
 from remesh.connectivity import (
     BASE,
     CREASE,
@@ -63,7 +63,7 @@ def split_long_edges(work, longest, sigma, least_agreement, at_most=None):
     return total
 
 
-@kernel
+@hot
 def longest_edge(halves, links, rows, t, sigma2, fixed, sizing, longest2):
     """The half-edge of triangle t with the longest edge that is not fixed, and its 6D length^2."""
     longest, length2 = 3 * t, -1.0
