@@ -25,9 +25,10 @@ from remesh.connectivity import (
     ring,
 )
 from remesh.embedding import as_tangents
-from remesh.guard import gather_star, no_worse, star_quality
+from remesh.guard import no_worse
 from remesh.nearest import near, point_and_normal
 from remesh.shape_kernels import enclosed_volume
+from remesh.star import STAR_SHAPE, gather_star, star_quality
 
 DAMPING = 1e-3
 TOLERANCE = 1e-5
@@ -315,7 +316,7 @@ def solve_fit(
 @allocating
 def apply_steps(halves, links, rows, used, free, step, sigma2, limits):
     """Move free vertices by their steps, halved until no triangle gets too bad; count the cuts."""
-    fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
+    fan, star = np.empty(MAX_RING, np.int64), np.zeros(STAR_SHAPE)
     start = np.empty(3)
     cuts = 0
     for v in range(used):

@@ -28,9 +28,10 @@ from remesh.connectivity import (
 )
 from remesh.curves import curve_length, curve_point, span
 from remesh.embedding import as_tangents
-from remesh.guard import gather_star, no_worse, star_quality
+from remesh.guard import no_worse
 from remesh.moves import curve_neighbours, restore_vertex, save_vertex, slide
 from remesh.split import split_agreement, vertex_on_curve
+from remesh.star import STAR_SHAPE, gather_star, star_quality
 
 MARGIN = 0.2  # of a span: nodes nearer to its ends are not taken
 LEAST_GAIN = 0.9
@@ -215,7 +216,7 @@ def best_node(curves, curve, low, here, high, farthest2, ends):
 @allocating
 def sweep_curve_fit(halves, links, rows, counts, limits, farthest2, curves):
     """One pass over the vertices on curves; returns how many moved."""
-    fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
+    fan, star = np.empty(MAX_RING, np.int64), np.zeros(STAR_SHAPE)
     point, four, ends = np.empty(9), np.empty(4), np.empty((2, 9))
     saved, saved_hints = np.empty((2, 8)), np.empty(2, np.int64)
     moved = 0

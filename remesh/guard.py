@@ -1,10 +1,8 @@
 """What every operation is checked against: normals at the corners, angles, edge lengths."""
 
-import math
-
 from remesh.compiled import hot
-from remesh.connectivity import CREASE, HINT, ORIGIN, TWIN, following, preceding
-from remesh.embedding import least_angle, squared_length, squared_parts
+from remesh.connectivity import CREASE, HINT, ORIGIN, TWIN, following
+from remesh.embedding import squared_length
 
 
 @hot
@@ -48,78 +46,6 @@ def sized_edge(rows, links, halves, h, sigma2, sizing, threshold2):
         b, a = halves[g, ORIGIN], halves[following(g), ORIGIN]
         length = max(length, sized_length(rows, links, a, b, sigma2, sizing, threshold2))
     return length
-
-
-@hot
-def gather_star(halves, rows, fan, count, star):
-    """Write what stays the same of a fan's triangles while its centre moves.
-
-    star : (at least count, 14) float array
-        Position and normal of both other corners, and the squared distances of these.
-    """
-    for i in range(count):
-        b, c = halves[following(fan[i]), ORIGIN], halves[preceding(fan[i]), ORIGIN]
-        for k in range(6):
-            star[i, k] = rows[b, k]
-            star[i, 6 + k] = rows[c, k]
-        star[i, 12], star[i, 13] = squared_parts(rows, b, c)
-
-
-@hot
-def spoke_parts(rows, a, star, i, first):
-    """Squared distances of positions and normals from a row to a corner in a star."""
-    position, turn = 0.0, 0.0
-    for k in range(3):
-        d = star[i, first + k] - rows[a, k]
-        position += d * d
-        d = star[i, first + 3 + k] - rows[a, 3 + k]
-        turn += d * d
-    return position, turn
-
-
-@hot
-def star_triangle(rows, a, star, i, sigma2):
-    """Sine and cosine of the least 6D angle of a triangle of a star, and of the 3D one, each pair
-    times some factor; twice its area times its agreement, and twice its area.
-
-    a : row of the centre.
-    """
-    ux, uy, uz = star[i, 0] - rows[a, 0], star[i, 1] - rows[a, 1], star[i, 2] - rows[a, 2]
-    vx, vy, vz = star[i, 6] - rows[a, 0], star[i, 7] - rows[a, 1], star[i, 8] - rows[a, 2]
-    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    area = math.sqrt(x * x + y * y + z * z)  # twice the triangle's
-    at_a = x * rows[a, 3] + y * rows[a, 4] + z * rows[a, 5]
-    at_b = x * star[i, 3] + y * star[i, 4] + z * star[i, 5]
-    at_c = x * star[i, 9] + y * star[i, 10] + z * star[i, 11]
-    normal = min(at_a, min(at_b, at_c))
-    first, first_turn = spoke_parts(rows, a, star, i, 0)
-    last, last_turn = spoke_parts(rows, a, star, i, 6)
-    rim = star[i, 12]
-    cosine = first + last + rim - 2.0 * min(rim, min(first, last))
-    sine3, cosine3 = (2.0 * area, cosine) if cosine > 0.0 else (0.0, 1.0)
-    if sigma2 <= 0.0:
-        return sine3, cosine3, sine3, cosine3, normal, area
-    sine6, cosine6 = least_angle(
-        first + sigma2 * first_turn, last + sigma2 * last_turn, rim + sigma2 * star[i, 13]
-    )
-    return sine6, cosine6, sine3, cosine3, normal, area
-
-
-@hot
-def star_quality(rows, halves, fan, count, star, sigma2):
-    """Tangents of the least 6D and 3D angle, and least agreement with the normals, in a star."""
-    sine6, cosine6, sine3, cosine3, normal, area = 1.0, 0.0, 1.0, 0.0, 1.0, 1.0
-    for i in range(count):
-        s6, c6, s3, c3, n, a = star_triangle(rows, halves[fan[i], ORIGIN], star, i, sigma2)
-        if s6 * cosine6 < sine6 * c6:
-            sine6, cosine6 = s6, c6
-        if s3 * cosine3 < sine3 * c3:
-            sine3, cosine3 = s3, c3
-        if a <= 0.0:
-            n, a = -1.0, 1.0
-        if n * area < normal * a:
-            normal, area = n, a
-    return sine6 / cosine6, sine3 / cosine3, normal / area
 
 
 @hot

@@ -19,8 +19,22 @@ from remesh.connectivity import (
 )
 from remesh.embedding import degrees_of
 from remesh.follow import chord_bound, curve_of, gaps_beside
-from remesh.guard import gather_star, spoke_parts, star_quality, star_triangle
 from remesh.moves import curve_neighbours, move_inside, restore_vertex, save_vertex, slide
+from remesh.star import (
+    AREA,
+    COSINE3,
+    COST,
+    EXCESS,
+    EXCESS3,
+    LANES,
+    NEXT,
+    SINE3,
+    STAR_SHAPE,
+    gather_star,
+    set_centre,
+    star_costs,
+    star_quality,
+)
 
 BARRIER = 1e3
 DOUBLINGS = 2
@@ -86,31 +100,34 @@ def optimise_vertices(
 
 
 @hot
-def star_cost(rows, halves, fan, count, star, settings, bound):
-    """Cost of the triangles around a vertex (see `optimise_vertices`); stops above `bound`."""
-    sigma2, power, least3, weight3, least_agreement, tangent_least3 = settings
+def star_cost(rows, halves, fan, count, star, settings):
+    """Cost of the triangles around a vertex (see `optimise_vertices`)."""
+    sigma2, power, least3, weight3, least_agreement, tangent3 = settings
+    set_centre(halves, rows, fan, count, star)
+    a = halves[fan[0], ORIGIN]
+    x, y, z = rows[a, 0], rows[a, 1], rows[a, 2]
+    if sigma2 > 0.0:
+        star_costs(star, count, x, y, z, sigma2, tangent3, least_agreement)
+    else:
+        star_costs(star, count, x, y, z, 0.0, tangent3, least_agreement)
     cost = 0.0
     for i in range(count):
-        sine6, cosine6, sine3, cosine3, normal, area = star_triangle(
-            rows, halves[fan[i], ORIGIN], star, i, sigma2
-        )
-        x = 2.0 - degrees_of(sine6, cosine6) / 30.0
+        part, lane = star[i // LANES], i % LANES
+        t = part[COST + lane]
         if power > 1.0:
-            x *= x
+            t *= t
         if power > 2.0:
-            x *= x
+            t *= t
         if power > 4.0:
-            x *= x
-        cost += x
-        if weight3 > 0.0 and sine3 < tangent_least3 * cosine3:
-            y = least3 - degrees_of(sine3, cosine3)
-            cost += weight3 * y * y
-        if area <= 0.0:
+            t *= t
+        cost += t
+        if weight3 > 0.0 and part[EXCESS3 + lane] < 0.0:
+            t = least3 - degrees_of(part[SINE3 + lane], part[COSINE3 + lane])
+            cost += weight3 * t * t
+        if part[AREA + lane] <= 0.0:
             cost += BARRIER * (least_agreement + 1.0)
-        elif normal < least_agreement * area:
-            cost += BARRIER * (least_agreement - normal / area)
-        if cost >= bound:
-            return cost
+        elif part[EXCESS + lane] < 0.0:
+            cost += BARRIER * (-part[EXCESS + lane] / part[AREA + lane])
     return cost
 
 
@@ -136,11 +153,14 @@ def wants_search(rows, halves, fan, count, star, settings, only_below):
 
 
 @hot
-def mean_edge(rows, halves, fan, count, star):
+def mean_edge(rows, v, count, star):
     """Root mean square of the lengths of the edges at the centre of a star."""
     total = 0.0
     for i in range(count):
-        total += spoke_parts(rows, halves[fan[i], ORIGIN], star, i, 0)[0]
+        part, lane = star[i // LANES], i % LANES
+        for k in range(3):
+            d = part[NEXT + k * LANES + lane] - rows[v, k]
+            total += d * d
     return math.sqrt(total / count)
 
 
@@ -174,7 +194,7 @@ def try_move(
     cost = held_cost(rows, v, hold, hold_weight)
     if cost >= bound:
         return cost
-    return cost + star_cost(rows, halves, fan, count, star, settings, bound - cost)
+    return cost + star_cost(rows, halves, fan, count, star, settings)
 
 
 @hot
@@ -193,12 +213,13 @@ def sweep_search(
     along_curves, reference, curves,
 ):  # fmt: skip
     """Passes of the pattern search in index order; returns (moved, visited) of the last."""
-    fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
+    fan, star = np.empty(MAX_RING, np.int64), np.zeros(STAR_SHAPE)
     shift, point, four, frame = np.empty(3), np.empty(9), np.empty(4), np.empty((2, 3))
     ends = np.empty((2, 9))
     saved, saved_hints = np.empty((2, 8)), np.empty(2, np.int64)
     best_rows, best_hints = np.empty((2, 8)), np.empty(2, np.int64)
     content = np.zeros(links.shape[0], np.bool_)  # no search wanted since a neighbour moved
+    turn_x, turn_y = math.cos(2.0 * math.pi / directions), math.sin(2.0 * math.pi / directions)
     moved, visited = 0, 0
     for sweep in range(sweeps):
         moved, visited = 0, 0
@@ -225,16 +246,17 @@ def sweep_search(
                 bound = chord_bound(curves, curve, low, here, high, along_curves**2, ends)
             visited += 1
             best = held_cost(rows, v, hold, hold_weight)
-            best += star_cost(rows, halves, fan, count, star, settings, math.inf)
+            best += star_cost(rows, halves, fan, count, star, settings)
             save_vertex(rows, links, v, saved, saved_hints)
-            size = steps[v] * mean_edge(rows, halves, fan, count, star)
+            size = steps[v] * mean_edge(rows, v, count, star)
             tangent_frame(rows, v, frame)
+            turn = TURN_PER_ROW * v + TURN_PER_SWEEP * sweep
+            ahead, aside = size * math.cos(turn), size * math.sin(turn)
             success, scale = False, 1.0
             for i in range(2 if on_curve else directions):
-                turn = 2.0 * math.pi * i / directions
-                turn += TURN_PER_ROW * v + TURN_PER_SWEEP * sweep
                 for k in range(3):
-                    shift[k] = size * (math.cos(turn) * frame[0, k] + math.sin(turn) * frame[1, k])
+                    shift[k] = ahead * frame[0, k] + aside * frame[1, k]
+                ahead, aside = ahead * turn_x - aside * turn_y, aside * turn_x + ahead * turn_y
                 if on_curve:
                     shift[0] = size if i == 0 else -size
                 for _ in range(DOUBLINGS + 1):

@@ -34,10 +34,11 @@ from remesh.connectivity import (
 from remesh.embedding import as_tangents
 from remesh.flip import flip_allowed, tangents_of_flip
 from remesh.gap_kernels import measure_gaps, pair_gap, star_gap
-from remesh.guard import gather_star, no_worse, star_quality
+from remesh.guard import no_worse
 from remesh.moves import curve_neighbours, restore_vertex, save_vertex, slide
 from remesh.nearest import place
 from remesh.optimise import mean_edge, tangent_frame
+from remesh.star import STAR_SHAPE, gather_star, star_quality
 
 FAR_IN_RMS = 6.0  # gaps below this many times the root mean square are small enough
 AIM = 0.85  # of the gap allowed: what the searches try to get below
@@ -144,7 +145,7 @@ def shift_vertices(
     halves, links, rows, vertices, targets, aim, sigma2, limits, turn, curves
 ):  # fmt: skip
     """Pattern search of each vertex for smaller gaps around it; returns how many moved."""
-    fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
+    fan, star = np.empty(MAX_RING, np.int64), np.zeros(STAR_SHAPE)
     point, four, frame = np.empty(9), np.empty(4), np.empty((2, 3))
     best_rows, best_hints = np.empty((2, 8)), np.empty(2, np.int64)
     moved = 0
@@ -162,7 +163,7 @@ def shift_vertices(
                 continue
             gather_star(halves, rows, fan, count, star)
             before = star_quality(rows, halves, fan, count, star, sigma2)
-            edge = mean_edge(rows, halves, fan, count, star)
+            edge = mean_edge(rows, v, count, star)
             tangent_frame(rows, v, frame)
             save_vertex(rows, links, v, best_rows, best_hints)
             size, success = FIRST_STEP * edge, False

@@ -18,14 +18,24 @@ from remesh.connectivity import (
     preceding,
     ring,
 )
-from remesh.embedding import as_tangents, fourfold_area, squared_length, triangle_normal
-from remesh.guard import gather_star, no_worse, reaches, star_quality
+from remesh.embedding import as_tangents, squared_length, triangle_normal
+from remesh.guard import no_worse, reaches
 from remesh.moves import (
     curve_neighbours,
     move_inside,
     restore_vertex,
     save_vertex,
     slide,
+)
+from remesh.star import (
+    LANES,
+    PULL,
+    STAR_SHAPE,
+    WEIGHT,
+    gather_star,
+    set_centre,
+    star_pulls,
+    star_quality,
 )
 
 UNIFORM, AREA, BOSSEN_HECKBERT = 0, 1, 2
@@ -66,23 +76,33 @@ def smooth_vertices(
 
 
 @hot
-def pull(halves, rows, fan, count, sigma2, weights, target, shift):
+def pull_to_centroids(halves, rows, fan, count, star, sigma2, shift):
+    """The step of `pull` towards the triangles' centroids, weighted by 6D area."""
+    set_centre(halves, rows, fan, count, star)
+    v = halves[fan[0], ORIGIN]
+    star_pulls(star, count, rows[v, 0], rows[v, 1], rows[v, 2], sigma2)
+    total, shift[0], shift[1], shift[2] = 0.0, 0.0, 0.0, 0.0
+    for i in range(count):
+        part, lane = star[i // LANES], i % LANES
+        total += 2.0 * part[WEIGHT + lane]
+        for k in range(3):
+            shift[k] += part[WEIGHT + lane] * part[PULL + k * LANES + lane]
+    for k in range(3):
+        shift[k] /= total if total > 0.0 else 1.0
+
+
+@hot
+def pull(halves, rows, fan, count, star, sigma2, weights, target, shift):
     """Write the full smoothing step (3,) of the centre of a closed fan."""
+    if weights == AREA:
+        pull_to_centroids(halves, rows, fan, count, star, sigma2, shift)
+        return
     shift[0] = shift[1] = shift[2] = 0.0
     total = 0.0
     for i in range(count):
         h = fan[i]
-        v, p, q = halves[h, ORIGIN], halves[following(h), ORIGIN], halves[preceding(h), ORIGIN]
-        if weights == AREA:
-            weight = fourfold_area(
-                squared_length(rows, v, p, sigma2),
-                squared_length(rows, p, q, sigma2),
-                squared_length(rows, q, v, sigma2),
-            )
-            total += 2.0 * weight
-            for k in range(3):
-                shift[k] += weight * (rows[p, k] + rows[q, k] - 2.0 * rows[v, k])
-        elif weights == UNIFORM:
+        v, p = halves[h, ORIGIN], halves[following(h), ORIGIN]
+        if weights == UNIFORM:
             total += 1.0
             for k in range(3):
                 shift[k] += rows[p, k] - rows[v, k]
@@ -111,9 +131,11 @@ def least_height(halves, rows, fan, count):
 
 
 @hot
-def tangential_step(halves, rows, vertex, fan, count, sigma2, weights, factor, target, clip, shift):
+def tangential_step(
+    halves, rows, vertex, fan, count, star, sigma2, weights, factor, target, clip, shift
+):  # fmt: skip
     """Write the step of a vertex inside its patch, in the tangent plane and clipped."""
-    pull(halves, rows, fan, count, sigma2, weights, target, shift)
+    pull(halves, rows, fan, count, star, sigma2, weights, target, shift)
     along = 0.0
     for k in range(3):
         along += shift[k] * rows[vertex, 3 + k]
@@ -148,7 +170,7 @@ def sweep_smoothing(
     reference, curves,
 ):  # fmt: skip
     """One Gauss-Seidel pass in index order; returns the number of vertices moved."""
-    fan, star = np.empty(MAX_RING, np.int64), np.empty((MAX_RING, 14))
+    fan, star = np.empty(MAX_RING, np.int64), np.zeros(STAR_SHAPE)
     shift, point, four = np.empty(3), np.empty(9), np.empty(4)
     saved, saved_hints = np.empty((2, 8)), np.empty(2, np.int64)
     tried, tried_hints = np.empty((2, 8)), np.empty(2, np.int64)
@@ -159,6 +181,7 @@ def sweep_smoothing(
         count, closed = ring(halves, links, v, fan)
         if count == 0:
             continue
+        gather_star(halves, rows, fan, count, star)
         on_curve = links[v, KIND] == CURVE
         step = 0.0
         if on_curve:
@@ -167,9 +190,8 @@ def sweep_smoothing(
             )
         else:
             tangential_step(
-                halves, rows, v, fan, count, sigma2, weights, factor, target, clip, shift
-            )
-        gather_star(halves, rows, fan, count, star)
+                halves, rows, v, fan, count, star, sigma2, weights, factor, target, clip, shift
+            )  # fmt: skip
         save_vertex(rows, links, v, saved, saved_hints)
         before, known = (0.0, 0.0, 0.0), False
         scale, accepted = 1.0, False

@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 
 from meshes.topology import topology
-from remesh.connectivity import BASE, CREASE, EDGES, ORIGIN, OTHER, OUT, TWIN
+from remesh.connectivity import BASE, CREASE, EDGES, ORIGIN, OTHER, OUT, TRIANGLES, TWIN
+from remesh.embedding import embedded_area
 
 
 def squared_length(a, b, sigma):
@@ -148,3 +149,45 @@ def boxes_touching(boxes, corners):
         low, high = triangle.min(axis=0), triangle.max(axis=0)
         found.append(any((box[:3] <= high).all() and (low <= box[3:]).all() for box in boxes))
     return np.array(found)
+
+
+def triangles_around(work, vertex):
+    """Lines (m, 3, 6) of the rows at the corners of a vertex's triangles, the vertex's first."""
+    corners = work.halves[: 3 * int(work.counts[TRIANGLES]), ORIGIN].reshape(-1, 3)
+    found = []
+    for rows in corners[corners[:, 0] >= 0]:
+        at = np.flatnonzero(work.links[rows, BASE] == vertex)
+        if len(at):
+            found.append(work.rows[np.roll(rows, -at[0]), :6])
+    return np.array(found)
+
+
+def embedded(lines, sigma):
+    """Psi of lines (position, normal)."""
+    return np.concatenate([lines[..., :3], sigma * lines[..., 3:]], axis=-1)
+
+
+def star_quality(work, vertex, sigma):
+    """Least 6D and 3D angle [degrees] and least agreement of the triangles at a vertex."""
+    lines = triangles_around(work, vertex)
+    angle6 = min(smallest_angle(*embedded(t, sigma)) for t in lines)
+    angle3 = min(smallest_angle(*t[:, :3]) for t in lines)
+    return angle6, angle3, min(agreement(t) for t in lines)
+
+
+def star_cost(work, vertex, sigma, power, below3, below):
+    """Cost of a star in the search; below3 = (angle3, weight), below = (agreement, barrier)."""
+    cost = 0.0
+    for t in triangles_around(work, vertex):
+        cost += ((60.0 - smallest_angle(*embedded(t, sigma))) / 30.0) ** power
+        cost += below3[1] * max(below3[0] - smallest_angle(*t[:, :3]), 0.0) ** 2
+        cost += below[1] * max(below[0] - agreement(t), 0.0)
+    return cost
+
+
+def step_to_centroids(work, vertex, sigma):
+    """From a vertex to the mean, weighted by 6D area, of its triangles' other corners' means."""
+    lines = triangles_around(work, vertex)
+    area = np.array([embedded_area(embedded(t, sigma)[None]) for t in lines])
+    steps = lines[:, 1:, :3].mean(axis=1) - lines[:, 0, :3]
+    return area @ steps / area.sum()
