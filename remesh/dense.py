@@ -160,6 +160,11 @@ def refined(mesh, longest, fix_boundary=False):
     fix_boundary : bool
         Leave the edges of open boundaries as they are; their faces' others may be as long.
     """
+    return refined_with(mesh, longest, fix_boundary, mesh.points)[0]
+
+
+def refined_with(mesh, longest, fix_boundary, values):
+    """See `refined`; also values (n, k) of the points, halfway between ends at the new ones."""
     for turn in range(MOST_HALVINGS):
         table = edge_table(mesh.faces)
         ends = mesh.points[table.edges]
@@ -170,7 +175,8 @@ def refined(mesh, longest, fix_boundary=False):
         if not far.any() or len(mesh.faces) > MOST_FACES:
             break
         mesh = halved(mesh, table, far)
-    return mesh
+        values = np.concatenate([values, values[table.edges[far]].mean(axis=1)])
+    return mesh, values
 
 
 def halved_features(mesh, table, number):

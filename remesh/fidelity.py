@@ -68,6 +68,16 @@ class TriangleFidelity:
         work.links[:used, HINT] = hints
         refresh_feet(work.links, work.rows, used, free, carrier.reference)
 
+    def feet(self, mesh, work):
+        """Nearest faces (n,) of the mesh that the surface was made of, barycentric weights (n, 3).
+
+        For the points of a mesh made of the compact work mesh.
+        """
+        hints = self.hints[work.links[work.base_rows(), HINT]]
+        faces, found = self.surface.locate(mesh.points, hints)
+        v, w = found[:, 0], found[:, 1]
+        return self.surface.layout.order[faces], np.stack([1.0 - v - w, v, w], axis=1)
+
     def exact_normals(self, mesh, work):
         """Interpolated normals (m, 3, 3) of the carrier at the corners of the work mesh."""
         return work.corner_normals()

@@ -13,6 +13,7 @@ from remesh.carrier import CORNER_ANGLE, curves_of
 from remesh.dense import refined, with_hidden_shapes
 from remesh.fidelity import ImplicitFidelity, TriangleFidelity
 from remesh.finish import finished_mesh, repair
+from remesh.frame import framed
 from remesh.halfedge import WorkMesh
 from remesh.layout import make_layout, require_finite, row_normals
 from remesh.prepare import implicit_carrier, smoothed_carrier, surfaces_by_label
@@ -110,7 +111,47 @@ def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
     require_finite(mesh)
     if settings.vertices is None and settings.edge_length is None and settings.max_error is None:
         settings = replace(settings, vertices=max(len(np.unique(mesh.faces)), 4))
-    mesh, surfaces = fine_enough(mesh, surfaces, settings)
+    if framable(surfaces, settings):
+        return remeshed_in_frame(mesh, surfaces, settings, rng, progress)
+    return remeshed(mesh, surfaces, settings, rng, progress)
+
+
+def framable(surfaces, settings):
+    """Whether the result is to be found in the surface's own frame."""
+    triangles = surfaces is None or isinstance(surfaces, TriangleSurface)
+    return triangles and settings.algorithm == "pliant" and settings.max_error is None
+
+
+def remeshed_in_frame(mesh, surfaces, settings, rng, progress):
+    """See `remesh`; for triangles as the surface."""
+    inside = framed(mesh)
+    if inside is None:
+        return remeshed(mesh, surfaces, settings, rng, progress)
+    frame, inner = inside.frame, inside.frame.settings(settings)
+    longest = longest_allowed(inside.mesh, inner)
+    if longest < np.inf:
+        inside = inside.refined(longest, settings.fix_boundary)
+    below, smoothing = inside, 0
+    if surfaces is not None:
+        source, smoothing = surfaces.source, surfaces.normal_smoothing
+        if source is not mesh and longest == np.inf:
+            below = framed(getattr(source, "mesh", source), frame)
+    surface = TriangleSurface(below.mesh, smoothing)
+    found = remeshed(inside.mesh, surface, inner, rng, progress, below)
+    length = frame.size * found.statistics.edge_length
+    return replace(
+        found, statistics=replace(found.statistics, edge_length=length, sigma=settings.sigma)
+    )
+
+
+def remeshed(mesh, surfaces, settings, rng, progress, below=None):
+    """See `remesh`; the mesh and all lengths as they are.
+
+    below : FramedMesh, optional
+        The triangles that are the surface, if all is in a frame that the result is to leave.
+    """
+    if below is None:
+        mesh, surfaces = fine_enough(mesh, surfaces, settings)
     layout = layout_of(mesh, surfaces)
     mesh = layout.mesh
     if settings.max_error is not None:
@@ -137,7 +178,7 @@ def remesh(mesh, surfaces=None, settings=None, rng=None, progress=None):
             work, gaps, recipe, settings, volume, first_length(work, recipe, settings),
             settings.vertices, progress,
         )  # fmt: skip
-    return conclude(layout, work, gaps, settings, (length, volume), progress)
+    return conclude(layout, work, gaps, settings, (length, volume, below), progress)
 
 
 def conclude_within(layout, surfaces, settings, progress):
@@ -181,19 +222,23 @@ def mean_edge(mesh):
 def layout_of(mesh, surfaces):
     """The Layout of a mesh: its triangle surface's, if that is what was handed in."""
     if isinstance(surfaces, TriangleSurface) and surfaces.source is mesh:
-        return surfaces.carrier.layout
+        return surfaces.layout
     return make_layout(mesh)
 
 
-def fine_enough(mesh, surfaces, settings):
-    """Mesh and surfaces, the mesh's faces cut where edges are longer than are to be made.
-
-    Without a field of sizes, and without a longest length, the mesh may be as coarse as it is.
-    """
+def longest_allowed(mesh, settings):
+    """Length from which on edges of the input are cut first; infinite without a field of sizes and
+    without a longest length: the mesh then may be as coarse as it is."""
     longest = settings.max_length
     if settings.max_error is None:
         longest = np.inf if settings.gradation is None else aimed_edge(mesh, settings)
-    if longest == np.inf or settings.smoothing > 0:
+    return np.inf if settings.smoothing > 0 else longest
+
+
+def fine_enough(mesh, surfaces, settings):
+    """Mesh and surfaces, the mesh's faces cut where edges are longer than allowed."""
+    longest = longest_allowed(mesh, settings)
+    if longest == np.inf:
         return mesh, surfaces
     mesh = refined(mesh, longest, settings.fix_boundary)
     if isinstance(surfaces, TriangleSurface) and surfaces.source is not mesh:
@@ -236,13 +281,18 @@ def triangle_start(surface, settings):
 def conclude(layout, work, gaps, settings, found, progress):
     """The result and its statistics, checked against the exact normals.
 
-    found : the 6D edge length, the input's volume (None if open)
+    found : the 6D edge length, the input's volume (None if open), a FramedMesh or None
     """
-    length, volume = found
+    length, volume, below = found
     work.compact()
     crossing, inverted, rounds = repair(work, gaps)
     if rounds > 0 and volume is not None and settings.fit and settings.algorithm == "pliant":
         match_volume(work, volume)
     result = finished_mesh(work, layout.mesh)
+    found = concluded(layout, result, settings, crossing, inverted, edge_length=float(length))
+    if below is not None:
+        result, _ = work.to_mesh()
+        feet = gaps.feet(result, work)
+        found = replace(found, mesh=below.restored(result, feet, settings.fix_boundary))
     progress("finished", 1.0)
-    return concluded(layout, result, settings, crossing, inverted, edge_length=float(length))
+    return found

@@ -21,13 +21,31 @@ class TriangleSurface:
         Manifold and oriented outward.
     normal_smoothing : int
         How often the normals are averaged with their neighbours' (for jagged input).
+
+    Raises
+    ------
+    InvalidMesh
+        When first used, if the mesh has no faces, NaN points, or is not an oriented manifold.
     """
 
     def __init__(self, mesh, normal_smoothing=0):
-        self.source = mesh
-        layout = mesh if isinstance(mesh, Layout) else make_layout(mesh)
-        self.row_normals = averaged(layout.group, row_normals(layout), normal_smoothing)
-        self.carrier = carrier_on(layout, self.row_normals[layout.group])
+        self.source, self.normal_smoothing = mesh, normal_smoothing
+
+    @cached_property
+    def layout(self):
+        """The Layout of the triangles."""
+        return self.source if isinstance(self.source, Layout) else make_layout(self.source)
+
+    @cached_property
+    def row_normals(self):
+        """Unit normal of every row (k, 3)."""
+        layout = self.layout
+        return averaged(layout.group, row_normals(layout), self.normal_smoothing)
+
+    @cached_property
+    def carrier(self):
+        """The Carrier that the triangles are."""
+        return carrier_on(self.layout, self.row_normals[self.layout.group])
 
     @cached_property
     def _tree(self):

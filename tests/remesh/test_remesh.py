@@ -140,7 +140,7 @@ def test_lengths_on_a_fitted_sphere_follow_its_curvature():
 
 
 def test_the_last_passes_improve_the_worst_angles_of_the_space_asked_for():
-    source, sigma = jittered(torus(), 0.1, 1), 0.4
+    source, sigma = jittered(torus(), 0.1, 7), 0.4
     worst = {}
     for quality in (None, "3d", "6d"):
         result = remesh(source, settings=RemeshSettings(vertices=600, sigma=sigma, quality=quality))
