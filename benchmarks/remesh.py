@@ -50,7 +50,7 @@ class Ask:
 
 
 ASKS = (
-    Ask("beams 6D", "beams_mt", 12000, 0.05, 10, best_peer="A6 43, worst 0.3, rms 29.5, 5.5 s"),
+    Ask("beams 6D", "beams_mt", 12000, 0.05, 12, best_peer="A6 43, worst 0.3, rms 29.5, 5.5 s"),
     Ask("beams", "beams_mt", 12000, 0.0, 8, best_peer="mean 54.1, worst 36.6, rms 31, 2.3 s"),
     Ask("spot 6D", "spot", 2000, 0.05, best_peer="A6 51.7, worst 6.7, rms 34, 0.5 s"),
     Ask("spot", "spot", 2000, best_peer="mean 54.0, worst 37, rms 88, 0.2 s"),

@@ -31,7 +31,7 @@ from remesh import RemeshSettings, remesh
 LOG = logging.getLogger("phasemesh")
 
 COUNT_TOLERANCE = 0.02
-SMOOTHING_PAIRS = {True: 10, False: 8}  # by whether sigma > 0
+SMOOTHING_PAIRS = {True: 12, False: 8}  # by whether sigma > 0
 
 
 @dataclass
