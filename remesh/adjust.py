@@ -11,6 +11,8 @@ triangle's corners, and conjugate gradients solve the damped normal equations
 D the diagonal of the first sum, o the vertices' present offsets.
 """
 
+import math
+
 import numpy as np
 
 from remesh.compiled import allocating, kernel
@@ -24,7 +26,7 @@ from remesh.connectivity import (
     ROWS,
     ring,
 )
-from remesh.embedding import as_tangents
+from remesh.embedding import as_tangents, triangle_normal
 from remesh.guard import no_worse
 from remesh.nearest import near, point_and_normal
 from remesh.shape_kernels import enclosed_volume
@@ -102,7 +104,8 @@ def fit_vertices(
         return np.zeros((len(work.rows), 9))
     samples = barycentric_samples(order)
     normals, gap = gaps(work, corners, samples, normal_only)
-    weights = np.sqrt(twice_areas(rows, corners))
+    weights = np.empty(len(corners))
+    root_areas(rows, corners, weights)
     step = np.zeros((used, 3))
     solve_fit(
         rows, corners, samples, weights, normals, gap, free, tangential, ridge,
@@ -136,27 +139,29 @@ def match_volume(work, volume):
     total = 0.0
     if len(free) == 0:
         return total
+    corners = work.corner_rows()[0].astype(np.int32)
+    points = work.rows[:, :3].copy()
+    trial = 1e-3 * np.linalg.norm(np.ptp(points[corners[:, 0]], axis=0))
     for _ in range(VOLUME_STEPS):
-        mesh, bases = work.to_mesh()
-        number = np.full(len(work.rows), -1)
-        number[bases] = np.arange(len(bases))
-        points = mesh.points.copy()
-        points[number[free]] += 1e-3 * mesh.diagonal * work.rows[free, 3:6]
-        now = enclosed_volume(mesh.points, mesh.faces)
-        slope = (enclosed_volume(points, mesh.faces) - now) / (1e-3 * mesh.diagonal)
+        now = enclosed_volume(points, corners)
+        points[free] += trial * work.rows[free, 3:6]
+        slope = (enclosed_volume(points, corners) - now) / trial
         if slope <= 0.0:
             break
         distance = (volume - now) / slope
         work.rows[free, :3] += distance * work.rows[free, 3:6]
         work.rows[free, OFFSET] += distance
+        points[free] = work.rows[free, :3]
         total += distance
     return total
 
 
-def twice_areas(rows, corners):
-    """Twice the area (m,) of triangles of rows."""
-    a, b, c = (rows[corners[:, k], :3] for k in range(3))
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1)
+@kernel
+def root_areas(rows, corners, roots):
+    """Write the square root of twice the area (m,) of triangles of rows."""
+    for t in range(corners.shape[0]):
+        x, y, z = triangle_normal(rows, corners[t, 0], corners[t, 1], corners[t, 2])
+        roots[t] = math.sqrt(math.sqrt(x * x + y * y + z * z))
 
 
 @kernel

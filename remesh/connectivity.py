@@ -7,14 +7,14 @@ halves : (3 m, 3) int64
     ORIGIN: the row at the half-edge's start (-1: the triangle is free); TWIN: the half-edge on
     the other side (-1: open boundary); CREASE: -1, or 2 * curve + direction for an edge of a
     feature curve, direction 0 where the half-edge runs along the curve.
-links : (n, 8) int64
+links : (n, 7) int64
     One line per row. A row is a vertex as one smooth patch sees it: a vertex of a feature curve
     has one row per sector between its feature edges, all at the same position, each with its own
     normal. BASE: the first row of the vertex (-1: free); OTHER: the next row of the same vertex,
     cyclic; HINT: the carrier's triangle under it. On base rows only: OUT: a half-edge that leaves
     the vertex (on an open boundary the one without a twin, so that turning left meets all
     triangles); EDGES: how many edges meet; KIND: INTERIOR, CURVE or CORNER; IDEAL: how many edges
-    should meet; DIRTY: 1 where a sweep has still to look.
+    should meet.
 rows : (n, 8) float64
     Position, unit normal, offset along the normal from the carrier, parameter along the curve.
 
@@ -25,7 +25,8 @@ The operations here only rearrange: whether one is allowed is decided in `collap
 from remesh.compiled import hot, kernel
 
 ORIGIN, TWIN, CREASE = 0, 1, 2
-BASE, OTHER, HINT, OUT, EDGES, KIND, IDEAL, DIRTY = range(8)
+BASE, OTHER, HINT, OUT, EDGES, KIND, IDEAL = range(7)
+LINKS = 7
 OFFSET, PARAMETER = 6, 7
 INTERIOR, CURVE, CORNER = 0, 1, 2
 ROWS, TRIANGLES, FREE_ROW, FREE_TRIANGLE, VERTICES = range(5)

@@ -8,7 +8,6 @@ from remesh.compiled import allocating, hot, kernel
 from remesh.connectivity import (
     BASE,
     CREASE,
-    DIRTY,
     EDGES,
     IDEAL,
     INTERIOR,
@@ -56,12 +55,12 @@ def flip_edges(work, sigma, limits, rule=DELAUNAY, passes=5, ridge_angle=60.0, c
         Rows near which to look at first; all if not given.
     """
     limits = as_tangents(limits)
-    work.links[:, DIRTY] = 1 if chosen is None else chosen
+    dirty = np.ones(len(work.links), np.uint8) if chosen is None else chosen.astype(np.uint8)
     total = 0
     for _ in range(passes):
         done = sweep_flips(
-            work.halves, work.links, work.rows, near_dirty(work), sigma**2, limits, rule,
-            math.cos(math.radians(ridge_angle)),
+            work.halves, work.links, work.rows, near_dirty(work, dirty), dirty, sigma**2, limits,
+            rule, math.cos(math.radians(ridge_angle)),
         )  # fmt: skip
         total += done
         if done == 0:
@@ -69,24 +68,24 @@ def flip_edges(work, sigma, limits, rule=DELAUNAY, passes=5, ridge_angle=60.0, c
     return total
 
 
-def near_dirty(work):
-    """Half-edges, in order, among which are those near a vertex with DIRTY = 1."""
+def near_dirty(work, dirty):
+    """Half-edges, in order, among which are those near a vertex with dirty = 1."""
     chosen = np.zeros(3 * int(work.counts[TRIANGLES]), np.bool_)
-    if mark_near_dirty(work.halves, work.links, work.counts, chosen.size // FEW, chosen):
+    if mark_near_dirty(work.halves, work.links, work.counts, dirty, chosen.size // FEW, chosen):
         return np.flatnonzero(chosen)
     return np.arange(chosen.size)
 
 
 @allocating
-def mark_near_dirty(halves, links, counts, most, chosen):
-    """Mark one half-edge of each edge of the triangles at vertices with DIRTY = 1.
+def mark_near_dirty(halves, links, counts, dirty, most, chosen):
+    """Mark one half-edge of each edge of the triangles at vertices with dirty = 1.
 
     Returns whether it came to an end: it stops where triangles meet `most` such vertices.
     """
     fan = np.empty(MAX_RING, np.int64)
     found = 0
     for v in range(counts[ROWS]):
-        if links[v, DIRTY] == 0 or links[v, BASE] != v:
+        if dirty[v] == 0 or links[v, BASE] != v:
             continue
         count, _ = ring(halves, links, v, fan)
         for i in range(count):
@@ -157,10 +156,10 @@ def flip_allowed(rows, a, b, c, d, limits):
 
 
 @kernel
-def sweep_flips(halves, links, rows, listed, sigma2, limits, rule, ridge_cosine):
-    """One pass over listed edges near a vertex with DIRTY = 1; returns the number of flips.
+def sweep_flips(halves, links, rows, listed, dirty, sigma2, limits, rule, ridge_cosine):
+    """One pass over listed edges near a vertex with dirty = 1; returns the number of flips.
 
-    Vertices whose edges changed are left with DIRTY = 1, all others with 0.
+    Vertices whose edges changed are left with dirty = 1, all others with 0.
     """
     done = 0
     for index in range(listed.size):
@@ -171,10 +170,7 @@ def sweep_flips(halves, links, rows, listed, sigma2, limits, rule, ridge_cosine)
         a, b = halves[h, ORIGIN], halves[following(h), ORIGIN]
         c, d = halves[preceding(h), ORIGIN], halves[preceding(g), ORIGIN]
         va, vb, vc, vd = links[a, BASE], links[b, BASE], links[c, BASE], links[d, BASE]
-        dirty = max(
-            max(links[va, DIRTY], links[vb, DIRTY]), max(links[vc, DIRTY], links[vd, DIRTY])
-        )
-        if dirty == 0:
+        if max(max(dirty[va], dirty[vb]), max(dirty[vc], dirty[vd])) == 0:
             continue
         least_a = 5 if links[va, KIND] == INTERIOR else 4
         least_b = 5 if links[vb, KIND] == INTERIOR else 4
@@ -198,8 +194,8 @@ def sweep_flips(halves, links, rows, listed, sigma2, limits, rule, ridge_cosine)
             continue
         flip_edge(halves, links, h)
         for vertex in (va, vb, vc, vd):
-            links[vertex, DIRTY] = 2
+            dirty[vertex] = 2
         done += 1
-    for vertex in range(links.shape[0]):
-        links[vertex, DIRTY] = 1 if links[vertex, DIRTY] == 2 else 0
+    for vertex in range(dirty.size):
+        dirty[vertex] = 1 if dirty[vertex] == 2 else 0
     return done

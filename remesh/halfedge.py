@@ -10,7 +10,6 @@ from remesh.connectivity import (
     CORNER,
     CREASE,
     CURVE,
-    DIRTY,
     EDGES,
     FREE_ROW,
     FREE_TRIANGLE,
@@ -18,6 +17,7 @@ from remesh.connectivity import (
     IDEAL,
     INTERIOR,
     KIND,
+    LINKS,
     ORIGIN,
     OTHER,
     OUT,
@@ -57,7 +57,7 @@ class WorkMesh:
         self.halves[:, ORIGIN] = group.ravel()
         self.halves[:, TWIN] = carrier.layout.twins
         self.labels = mesh.face_labels.astype(np.int64)
-        self.links = np.zeros((count, 8), np.int64)
+        self.links = np.zeros((count, LINKS), np.int64)
         self.rows = np.zeros((count, 8))
         self.rows[:, :3] = mesh.points[rows_of]
         self.rows[group.ravel(), 3:6] = carrier.normals.reshape(-1, 3)
@@ -67,7 +67,6 @@ class WorkMesh:
         self._mark_curves()
         self._count_edges(mesh)
         settle_all(self.halves, self.links, self.counts)
-        self.links[:vertices, DIRTY] = 1
         self.reserve(max(capacity - vertices, 0))
 
     @property
@@ -223,6 +222,7 @@ def compact_arrays(halves, links, rows, labels, counts):
             continue
         for k in range(8):
             rows[to, k] = rows[r, k]
+        for k in range(LINKS):
             links[to, k] = links[r, k]
         links[to, BASE] = new_row[links[to, BASE]]
         links[to, OTHER] = new_row[links[to, OTHER]]

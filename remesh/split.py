@@ -7,7 +7,6 @@ from remesh.connectivity import (
     BASE,
     CREASE,
     CURVE,
-    DIRTY,
     EDGES,
     HINT,
     IDEAL,
@@ -85,7 +84,6 @@ def init_vertex(links, counts, row, kind, ideal):
     links[row, KIND] = kind
     links[row, IDEAL] = ideal
     links[row, EDGES] = 0
-    links[row, DIRTY] = 1
     counts[VERTICES] += 1
 
 
@@ -124,7 +122,6 @@ def vertex_on_curve(halves, links, rows, counts, h, parameter, curves, point):
     if not on_boundary:
         right = new_row(links, counts)
         links[right, BASE], links[right, OTHER], links[left, OTHER] = left, left, right
-        links[right, DIRTY] = 0
     for which in range(1 if on_boundary else 2):
         row = left if which == 0 else right
         side = (code & 1) ^ which

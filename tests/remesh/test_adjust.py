@@ -11,6 +11,7 @@ from remesh.adjust import (
     free_rows,
     hold_forms,
     match_volume,
+    root_areas,
     solve_fit,
 )
 from remesh.carrier import make_carrier
@@ -124,3 +125,12 @@ def test_hold_forms_give_the_growth_of_the_squared_gaps():
     form = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
     grown = np.sum((lines @ (step[0] + d) - right) ** 2)
     assert grown - energy == pytest.approx(d @ form @ d)
+
+
+def test_weights_are_the_roots_of_twice_the_areas():
+    rows, corners = np.random.default_rng(4).normal(size=(9, 8)), np.arange(9).reshape(3, 3)
+    weights = np.empty(3)
+    root_areas(rows, corners, weights)
+    a, b, c = (rows[corners[:, k], :3] for k in range(3))
+    expected = np.sqrt(np.linalg.norm(np.cross(b - a, c - a), axis=1))
+    assert weights == pytest.approx(expected, rel=1e-12)
