@@ -7,6 +7,7 @@ Every stage has `run` (make the product and write its files; returns what to tel
 import hashlib
 import json
 import logging
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -108,8 +109,9 @@ class TopoptStage:
         model = ElasticModel(mesh, run.problem, conditions, settings.solver)
         last = start.history[-1].iteration if start.history else -1
         series = FieldSeries(run.folder / "fields", mesh, last)
-        watch = _Watch(run, mesh, series, history) if history else None
-        return optimize(mesh, run.problem, settings, start, watch, model), model, series
+        with _Watch(run, mesh, series, history) as watch:
+            callback = watch if history else None
+            return optimize(mesh, run.problem, settings, start, callback, model), model, series
 
     def _next_start(self, run, levels, result):
         """The start of the next level; after an interruption of the last, on what mesh there is."""
@@ -189,13 +191,26 @@ def _identity(run):
 
 
 class _Watch:
-    """The optimiser's callback: history, checkpoints, snapshots and progress."""
+    """The optimiser's callback: history, checkpoints, snapshots and progress.
+
+    A checkpoint is written while the next step is computed, and is there before the next one's
+    turn and when the watch ends.
+    """
 
     def __init__(self, run, mesh, series, history):
         self._run, self._mesh, self._series, self._history = run, mesh, series, history
         self._checkpoints = Checkpoints(run.folder, _identity(run))
         self._steps = run.case.topopt.steps
         self._snapshots = snapshot_steps(run.case.output.snapshots, self._steps)
+        self._writer, self._written = ThreadPoolExecutor(1), None
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self._writer.shutdown(wait=True)
+        if self._written is not None and error[0] is None:
+            self._written.result()  # raises what went wrong
 
     def __call__(self, row, loop):
         level = f"level {row.level}, " if self._run.coarse_meshes else ""
@@ -216,7 +231,9 @@ class _Watch:
         if row.iteration in self._snapshots:
             fields = _series_fields(self._run, self._mesh, loop.phi, loop.state)
             self._series.write(row.iteration, *fields)
-        self._checkpoints.write(loop)  # last: what it has seen is on disk
+        if self._written is not None:
+            self._written.result()
+        self._written = self._writer.submit(self._checkpoints.write, loop)
 
 
 def _elastic_energy(run, mesh, phi, state):

@@ -308,7 +308,7 @@ class TopoptSection(Section):
         "auto", description="linear solver of the state problem"
     )
     state_tolerance: fields.number(above=0.0, at_most=0.1) = Field(
-        1e-2, description="loosest relative residual of a state solve"
+        0.1, description="loosest relative residual of a state solve"
     )
 
     @model_validator(mode="after")

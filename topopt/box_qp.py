@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from meshes.errors import NotConverged
+from topopt.geometry import INDEX, unsigned
 from topopt.low_rank_kernels import gram, multiply, threads_that_pay
 from topopt.reduced_system import ReducedSystem
 
@@ -85,7 +86,7 @@ class StepQP:
     def matrix(self):
         """What the kernels take of H."""
         a = self.stiffness
-        return a.indptr, a.indices, a.data, self.coupling, self.diagonal
+        return unsigned(a.indptr), unsigned(a.indices), a.data, self.coupling, self.diagonal
 
     def product(self, x):
         """H x (n,)."""
@@ -139,7 +140,7 @@ class StepSolution:
 
 def as_rows(mask):
     """Indices of a boolean mask, as the kernels want them."""
-    return np.flatnonzero(mask).astype(np.int32)
+    return np.flatnonzero(mask).astype(INDEX)
 
 
 def sets_of(qp, x):

@@ -54,7 +54,7 @@ class Checkpoints:
         }
         data = io.BytesIO()
         np.savez(data, words=np.frombuffer(json.dumps(words).encode(), np.uint8), **arrays)
-        write_atomically(self._paths[words["step"] % 2], data.getvalue())
+        write_atomically(self._paths[words["step"] % 2], data.getbuffer())
 
     def read(self):
         """The LoopState of the latest whole checkpoint, or None if there is none.

@@ -16,7 +16,7 @@ import numpy as np
 
 from topopt import elasticity_kernels as kernels
 from topopt.assembly import Assembler
-from topopt.geometry import mass_product, morton_order, tet_geometry
+from topopt.geometry import mass_product, morton_order, tet_geometry, unsigned
 from topopt.interpolation import stiffness_factor, stiffness_slope
 from topopt.linear_solver import make_solver, rigid_body_modes
 from topopt.weak_form import WeakFormAssembler
@@ -45,7 +45,7 @@ class State:
     residual : float
         |f - K u| / |f|, computed from the displacement itself; the largest of the cases.
     compliance_error : float [J]
-        Estimate r.B r of the error r.K^-1 r of the compliance (B: the preconditioner).
+        Estimate of the error r.K^-1 r of the compliance.
     solver : str
         Which linear solver gave the answer.
     assembly_seconds, setup_seconds, solve_seconds : float [s]
@@ -208,7 +208,7 @@ class ElasticModel:
         stress = np.empty((len(self.mesh.tets), 6))
         kernels.stresses(
             np.ascontiguousarray(displacement),
-            self.mesh.tets,
+            unsigned(self.mesh.tets),
             self.geometry.gradients,
             self.material.lame_lambda,
             self.material.lame_mu,
@@ -267,7 +267,6 @@ class ElasticModel:
             self._solve_case(self.forces(phi, case), lift, first, phi, tolerance)
             for case, lift, first in zip(cases, self._lifts, starts, strict=True)
         ]
-        errors = [self._solver.error_energy(solution.residual_vector) for *_, solution in found]
         seconds = (assembled - began, prepared - assembled, time.perf_counter() - prepared)
         weights = [case.weight for case in cases]
         displacements, compliances, solutions = zip(*found)
@@ -279,7 +278,7 @@ class ElasticModel:
             sum(densities),
             sum(solution.iterations for solution in solutions),
             max(solution.history[-1] for solution in solutions),
-            sum(weight * error for weight, error in zip(weights, errors)),
+            sum(weight * s.error_energy for weight, s in zip(weights, solutions)),
             solutions[-1].solver,
             *seconds,
         )
@@ -366,13 +365,14 @@ class ElasticModel:
         """Return w = eps(u) : C_mat : eps(u) (m,) [J/m^3] on each tet, for u (n, 3) [m]."""
         result = np.empty(len(self.mesh.tets))
         lame = (self.material.lame_lambda, self.material.lame_mu)
-        kernels.energy_density(displacement, self.mesh.tets, self.geometry.gradients, *lame, result)
+        tets, gradients = unsigned(self.mesh.tets), self.geometry.gradients
+        kernels.energy_density(displacement, tets, gradients, *lame, result)
         return result
 
     def _stress_work(self, stress, displacement):
         """Stresses (m, 6) [Pa] times the strains of a displacement (n, 3): (m,) [J/m^3]."""
         result = np.empty(len(stress))
-        tets, gradients = self.mesh.tets, self.geometry.gradients
+        tets, gradients = unsigned(self.mesh.tets), self.geometry.gradients
         kernels.stress_work(stress, displacement, tets, gradients, result)
         return result
 
@@ -397,7 +397,7 @@ def von_mises(model, state, phi, k=0):
     factor = stiffness_factor(phi, model.mesh.tets, model.material.void_ratio)
     kernels.von_mises(
         state.displacements[k],
-        model.mesh.tets,
+        unsigned(model.mesh.tets),
         model.geometry.gradients,
         model.material.lame_mu * factor,
         result,

@@ -1,6 +1,12 @@
-"""Loops over tets that turn displacements into energies and stresses."""
+"""Loops over tets that turn displacements into energies and stresses.
 
+Indices are unsigned (`topopt.geometry.unsigned`).
+"""
+
+import numpy as np
 from numba import njit, prange
+
+TWO, THREE = np.uint32(2), np.uint32(3)
 
 
 @njit(cache=True, forceinline=True, error_model="numpy")
@@ -62,7 +68,7 @@ def stress_forces(start, corners, gradients, weights, stress, result):
     for i in prange(result.shape[0]):
         x = y = z = 0.0
         for k in range(start[i], start[i + 1]):
-            e, a = corners[k] >> 2, corners[k] & 3
+            e, a = corners[k] >> TWO, corners[k] & THREE
             w = weights[e]
             gx, gy, gz = w * gradients[e, a, 0], w * gradients[e, a, 1], w * gradients[e, a, 2]
             x += stress[e, 0] * gx + stress[e, 3] * gy + stress[e, 5] * gz

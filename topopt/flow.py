@@ -21,8 +21,10 @@ MAX_REJECTIONS = 40
 STAGNATION_STEPS = 5
 LEAST_DECREASE = 1e-13  # relative; below, J is only rounding
 FINEST_TOLERANCE = 1e-10
+FIRST_TOLERANCE = 1e-2  # of the state at the start, which tau and an open gamma follow
 LAST_TOLERANCE = 1e-6  # of the state that a run ends with
-STATE_SHARE = 0.1  # of the root of the last step's gain: how exactly the next state is solved
+STATE_SHARE = 1.0  # of the root of the last step's gain: how exactly the next state is solved
+ERROR_SHARE = 0.1  # of the last step's gain: most that a compliance may be off by, as estimated
 QP_SHARE = 1e-4  # of the KKT residual: how exactly a step's programme is solved
 LOOSEST_QP = 1e-5
 DRAFT = 100.0  # so much less exactly where the solution is only asked for a product with J''
@@ -130,7 +132,7 @@ class Flow:
             phi = np.clip(phi, self.lower, self.upper)
         else:
             phi = project_volume(phi, self.mass, self.volume, self.lower, self.upper)
-        state = self.model.solve(phi, None, self.settings.state_tolerance)
+        state = self.model.solve(phi, None, min(self.settings.state_tolerance, FIRST_TOLERANCE))
         if self.gamma is None:
             whole = (state.compliance, self.volume_fraction, self.domain_volume, self.energy.eps)
             self.gamma = auto_gamma(*whole)
@@ -215,7 +217,7 @@ class Flow:
             tolerance = min(tolerance, max(STATE_SHARE * np.sqrt(gain), FINEST_TOLERANCE))
         start = loop.state.displacements if start is None else start
         state = self.model.solve(phi, start, tolerance)
-        if state.compliance_error > 0.01 * gain * abs(loop.objective):
+        if state.compliance_error > ERROR_SHARE * gain * abs(loop.objective):
             tolerance = max(1e-2 * tolerance, FINEST_TOLERANCE)
             state = self.model.solve(phi, state.displacements, tolerance)
         return state

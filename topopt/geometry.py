@@ -11,6 +11,7 @@ from meshes.errors import InvalidMesh
 from topopt import geometry_kernels as kernels
 
 _KNOWN = WeakKeyDictionary()  # TetMesh to TetGeometry
+INDEX = np.uint32
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,21 +63,30 @@ class NodeCorners:
 
     Attributes
     ----------
-    start : (n + 1,) int32 array
-    places : (4 m,) int32 array
+    start : (n + 1,) uint32 array
+    places : (4 m,) uint32 array
         Node i is the corners 4 e + a in places[start[i]:start[i + 1]], in the order of the tets.
     """
 
     def __init__(self, tets, n_points):
-        self.places = np.argsort(tets, axis=None, kind="stable").astype(np.int32)
+        self.places = np.argsort(tets, axis=None, kind="stable").astype(INDEX)
         counts = np.bincount(tets.ravel(), minlength=n_points)
-        self.start = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        self.start = np.concatenate([[0], np.cumsum(counts)]).astype(INDEX)
 
     def sums(self, local):
         """Sum (n,) over the tets at each node of the values local (m, 4) of their corners."""
         result = np.empty(len(self.start) - 1)
         kernels.node_sums(self.start, self.places, local.ravel(), result)
         return result
+
+
+def unsigned(indices):
+    """The same indices (none negative) as uint32, as kernels take them; of int32 a view.
+
+    For signed ones a kernel asks at each access whether it is to count from the end, which takes
+    as long as the access itself.
+    """
+    return indices.view(INDEX) if indices.dtype == np.int32 else indices.astype(INDEX)
 
 
 def tet_geometry(mesh):

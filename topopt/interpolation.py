@@ -11,13 +11,13 @@ h3 being the complete homogeneous polynomial of degree 3 of the four corner valu
 import numpy as np
 
 from topopt import interpolation_kernels as kernels
-from topopt.geometry import NodeCorners
+from topopt.geometry import NodeCorners, unsigned
 
 
 def mean_cube(phi, tets):
     """Return the mean (m,) of phi^3 on each tet, for nodal values phi (n,) and tets (m, 4)."""
     result = np.empty(len(tets))
-    kernels.mean_cube(np.ascontiguousarray(phi, dtype=float), tets, result)
+    kernels.mean_cube(np.ascontiguousarray(phi, dtype=float), unsigned(tets), result)
     return result
 
 
@@ -63,5 +63,5 @@ def _slopes(phi, direction, tets, still, moving):
     slope, local = np.empty(len(tets)), np.empty((len(still), 4))
     fields = (np.ascontiguousarray(values, dtype=float) for values in (phi, direction))
     weights = (np.ascontiguousarray(values, dtype=float) for values in (still, moving))
-    kernels.mean_cube_slope(*fields, tets, *weights, slope, local)
+    kernels.mean_cube_slope(*fields, unsigned(tets), *weights, slope, local)
     return slope, local

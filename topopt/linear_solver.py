@@ -75,12 +75,6 @@ class LinearSolver(Protocol):
         Raises NotConverged, with the history of residuals, where that cannot be reached.
         """
 
-    def error_energy(self, residual) -> float:
-        """r . B r [J] of a Solution's residual r (n, 3), B the preconditioner.
-
-        An estimate of r . K^-1 r, the squared energy norm of the solution's error.
-        """
-
 
 class DirectSolver:
     """A sparse LU factorisation: exact, and the reference for the others; for small meshes."""
@@ -114,10 +108,8 @@ class DirectSolver:
                 (size,),
             )
         shape = right_side.shape
-        return Solution(x.reshape(shape), residual.reshape(shape), 1, (size,), self.name)
-
-    def error_energy(self, residual):
-        return max(float(residual.ravel() @ self._factors.solve(residual.ravel())), 0.0)
+        energy = max(float(residual @ self._factors.solve(residual)), 0.0)
+        return Solution(x.reshape(shape), residual.reshape(shape), 1, (size,), self.name, energy)
 
 
 class PyamgSolver:
@@ -172,13 +164,9 @@ class PyamgSolver:
                 history,
             )
         shape = right_side.shape
-        return Solution(
-            x.reshape(shape), residual.reshape(shape), len(history) - 2, history, self.name
-        )
-
-    def error_energy(self, residual):
-        r = residual.ravel()
-        return max(float(r @ (self._hierarchy.aspreconditioner() @ r)), 0.0)
+        energy = max(float(residual @ (self._hierarchy.aspreconditioner() @ residual)), 0.0)
+        told = (len(history) - 2, history, self.name, energy)
+        return Solution(x.reshape(shape), residual.reshape(shape), *told)
 
 
 class FallbackSolver:
@@ -207,17 +195,12 @@ class FallbackSolver:
         for k in range(len(self._makers)):
             try:
                 self._prepare(k)
-                solution = self._solvers[k].solve(right_side, start, tolerance)
-                self._answered = self._solvers[k]
-                return solution
+                return self._solvers[k].solve(right_side, start, tolerance)
             except NotConverged as stalled:
                 if k + 1 == len(self._makers):
                     raise
                 log.warning("%s Falling back to the next solver.", stalled)
         raise AssertionError("no solver to try")
-
-    def error_energy(self, residual):
-        return self._answered.error_energy(residual)
 
     def _prepare(self, k):
         if self._ready < k:

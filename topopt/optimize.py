@@ -67,7 +67,7 @@ class OptimizationSettings:
     stagnation: float = 1e-4
     volume_constraint: bool = True
     solver: str = "auto"
-    state_tolerance: float = 1e-2
+    state_tolerance: float = 0.1
     check_resolution: bool = True
 
 
@@ -220,13 +220,13 @@ def check_settings(settings):
         "tau": settings.tau is None or settings.tau > 0.0,
         "tolerance": settings.tolerance >= 0.0,
         "stagnation": settings.stagnation >= 0.0,
-        "state_tolerance": 0.0 < settings.state_tolerance <= 1e-2,
+        "state_tolerance": 0.0 < settings.state_tolerance <= 0.1,
     }
     for name, holds in rules.items():
         if not holds:
             wanted = {"method": "one of " + ", ".join(METHODS)}
             wanted["step"] = f"one of {', '.join(RULES)} (fixed with method: allen_cahn only)"
-            wanted |= {"tau": "positive", "state_tolerance": "in (0, 0.01]"}
+            wanted |= {"tau": "positive", "state_tolerance": "in (0, 0.1]"}
             raise InvalidCase(
                 f"{name}: must be {wanted.get(name, 'at least 0')}, "
                 f"got {getattr(settings, name)!r}."

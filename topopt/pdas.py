@@ -23,11 +23,12 @@ from topopt.box_qp import (
 from topopt.projection import project_in_metric
 
 MAX_ITERATIONS = 30
+DRAFT_ITERATIONS = 6
 NEAR = 100.0  # tolerances of the linear systems: what the sets may still be off by
 REDUCTION = 0.01  # of a linear system's residual, while the sets still change
 
 
-def solve_step(qp, start):
+def solve_step(qp, start, draft=False):
     """Solve a step's quadratic programme.
 
     Parameters
@@ -35,6 +36,9 @@ def solve_step(qp, start):
     qp : StepQP
     start : (n,) float array
         The field before the step, within the bounds.
+    draft : bool
+        Whether a field near the solution will do where the sets do not come to rest: then the
+        last one is moved to box and volume, or the first one kept if that is better.
 
     Returns
     -------
@@ -56,7 +60,7 @@ def solve_step(qp, start):
     if qp.volume is None:
         return solve_box(exact, start)
     guess, kappa = first_guess(qp, start)
-    solution = active_set_iteration(qp, sets_of(qp, guess), guess)
+    solution = active_set_iteration(qp, sets_of(qp, guess), guess, draft)
     return solve_globalised(exact, guess, kappa) if solution is None else solution
 
 
@@ -66,18 +70,18 @@ def first_guess(qp, start):
     return project_in_metric(linear, qp.jacobi, qp.mass, qp.volume, qp.lower, qp.upper)
 
 
-def active_set_iteration(qp, sets, x):
+def active_set_iteration(qp, sets, x, draft=False):
     """Run the plain strategy from the given sets.
 
     Returns
     -------
     StepSolution or None
-        None if the sets repeat without standing still, or no node is inactive.
+        None, but for a draft, if the sets repeat without standing still or no node is inactive.
     """
-    seen, reduction = set(), REDUCTION
-    for iteration in range(1, MAX_ITERATIONS + 1):
+    first, seen, reduction = x, set(), REDUCTION
+    for iteration in range(1, (DRAFT_ITERATIONS if draft else MAX_ITERATIONS) + 1):
         if not np.any(sets == 0):
-            return None
+            break
         x, kappa, solved = solve_equality(qp, sets, x, reduction)
         multiplier = qp.multiplier(x, kappa)
         mu = np.where(sets != 0, multiplier / qp.mass, 0.0)
@@ -90,13 +94,23 @@ def active_set_iteration(qp, sets, x):
             return StepSolution(x, kappa, mu, sets, iteration, False)
         digest = blake2b(updated.tobytes(), digest_size=16).digest()
         if stand or digest in seen:
-            if reduction == 0.0:
-                return None
+            if reduction == 0.0 or draft:
+                break
             reduction = 0.0
             seen.clear()
         seen.add(digest)
         sets = updated
-    return None
+    return _draft(qp, first, x, iteration) if draft else None
+
+
+def _draft(qp, first, last, iterations):
+    """The better one of the first field (n,) and the last, which is moved to box and volume."""
+    bounds = (qp.lower, qp.upper)
+    moved, kappa = project_in_metric(qp.jacobi * last, qp.jacobi, qp.mass, qp.volume, *bounds)
+    x = min((first, moved), key=qp.objective)
+    sets = sets_of(qp, x)
+    mu = np.where(sets != 0, qp.multiplier(x, kappa) / qp.mass, 0.0)
+    return StepSolution(x, kappa, mu, sets, iterations, False)
 
 
 def is_near(qp, x, multiplier):

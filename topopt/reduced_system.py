@@ -18,7 +18,7 @@ class ReducedSystem:
     Parameters
     ----------
     qp : StepQP
-    rows : (R,) int32 array
+    rows : (R,) uint32 array
     """
 
     def __init__(self, qp, rows):

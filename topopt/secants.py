@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from topopt.geometry import unsigned
 from topopt.low_rank_kernels import dot, multiply, threads_that_pay
 
 MEMORY = 15  # pairs
@@ -102,7 +103,8 @@ class SecantMetric:
     def _pull(self, step):
         """coupling A s (n,)."""
         a, nothing = self._stiffness, np.zeros((0, len(step)), np.float32)
-        matrix = (a.indptr, a.indices, a.data, self._coupling, self._none)
+        pattern = unsigned(a.indptr), unsigned(a.indices)
+        matrix = (*pattern, a.data, self._coupling, self._none)
         out = np.empty(len(step))
         with threads_that_pay(len(step)):
             multiply(*matrix, nothing, np.zeros(0), step, out)

@@ -91,8 +91,9 @@ class ProjectedGradient(Flow):
         found, step = Foresight(self.mass, loop.state.displacements), None
         drafts = PRODUCTS
         while True:
-            programme = self._programme(loop, metric, learnt.low_rank_part(), draft=drafts > 0)
-            step = solve_step(programme, loop.phi if step is None else step.x)
+            draft = drafts > 0
+            programme = self._programme(loop, metric, learnt.low_rank_part(), draft)
+            step = solve_step(programme, loop.phi if step is None else step.x, draft)
             found.systems += step.iterations
             if drafts == 0:
                 return step, found

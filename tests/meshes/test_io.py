@@ -379,6 +379,9 @@ def test_vtu_and_series(tmp_path):
     first = path.read_bytes()
     write_tets(path, mesh, fields, {"energy": np.arange(len(mesh.tets))})
     assert path.read_bytes() == first
+    write_tets(path, box(), {"phi": -mesh.points[:, 0]})  # another mesh of the same look
+    np.testing.assert_array_equal(meshio.read(path).point_data["phi"], -mesh.points[:, 0])
+    path.write_bytes(first)
     write_series(tmp_path / "all.pvd", [path, path], times=[0, 2.5])
     text = (tmp_path / "all.pvd").read_text()
     assert text.count('file="fields/step 1.vtu"') == 2 and 'timestep="2.5"' in text

@@ -48,6 +48,34 @@ def test_every_solver_keeps_its_promise(name):
     assert again.iterations <= 1
 
 
+@pytest.mark.parametrize("name", ["multigrid", "pyamg"])
+@pytest.mark.parametrize("tolerance", [0.1, 1e-3])
+def test_the_energy_of_the_error_is_estimated(name, tolerance):
+    matrix, modes, forces = system()
+    solver = make_solver(name, matrix, modes)
+    solver.update(matrix)
+    solution = solver.solve(forces, tolerance=tolerance)
+    error = np.linalg.solve(matrix.toarray(), solution.residual_vector.ravel())
+    energy = error @ solution.residual_vector.ravel()
+    most = 3.0 if name == "pyamg" else 30.0  # the other takes the last iteration but one
+    assert 0.3 * energy < solution.error_energy < most * energy
+    again = solver.solve(forces, start=solution.displacement, tolerance=tolerance)
+    assert again.iterations == 0 and 0.3 * energy < again.error_energy < 3.0 * energy
+
+
+def test_a_start_is_scaled_and_never_much_worse_than_none():
+    matrix, modes, forces = system()
+    solver = make_solver("multigrid", matrix, modes)
+    solver.update(matrix)
+    solution = solver.solve(forces, tolerance=1e-8)
+    twofold = solver.solve(forces, start=-30.0 * solution.displacement, tolerance=1e-6)
+    assert len(twofold.history) == 2  # that of the scaled start, and the true one once more
+    from_nothing = solver.solve(forces, tolerance=1e-6).iterations
+    wild = 1e6 * np.random.default_rng(0).standard_normal(forces.shape)
+    wild *= np.abs(solution.displacement).max()
+    assert solver.solve(forces, start=wild, tolerance=1e-6).iterations <= from_nothing + 3
+
+
 def test_auto_factorises_small_systems_and_takes_multigrid_for_others():
     matrix, modes, _ = system((1, 1, 1))
     assert isinstance(make_solver("auto", matrix, modes), DirectSolver)

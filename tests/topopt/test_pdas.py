@@ -16,7 +16,7 @@ from topopt import pdas
 from topopt.box_qp import StepQP, meet_volume, sets_of, solve_globalised
 from topopt.ginzburg_landau import GinzburgLandau
 from topopt.low_rank_kernels import pack
-from topopt.pdas import active_set_iteration, solve_step
+from topopt.pdas import DRAFT_ITERATIONS, active_set_iteration, solve_step
 from topopt.projection import project_in_metric, project_volume
 from topopt.reduced_system import ReducedSystem
 from topopt.secants import SecantMetric, Secants
@@ -146,12 +146,20 @@ def test_programmes_are_solved_as_exactly_as_is_asked_for(tolerance):
 def test_packed_rows_and_their_products():
     rng = np.random.default_rng(4)
     learned, jacobi = rng.normal(size=(5, 5000)).astype(np.float32), rng.uniform(1, 2, 3000)
-    rows = np.sort(rng.permutation(5000)[:3000]).astype(np.int32)
+    rows = np.sort(rng.permutation(5000)[:3000]).astype(np.uint32)
     packed, weight = pack(learned, rows, jacobi)
     np.testing.assert_array_equal(packed, learned[:, rows])
     np.testing.assert_allclose(weight, (packed / jacobi) @ packed.T, rtol=1e-6)
     exact = (packed.astype(float) / jacobi) @ packed.T.astype(float)
     np.testing.assert_allclose(weight, exact, atol=1e-11)
+
+
+def check_draft(qp, start, draft):
+    """Within box and volume, and no worse than its start, after a few systems."""
+    assert draft.iterations <= DRAFT_ITERATIONS
+    assert np.all((draft.x >= qp.lower) & (draft.x <= qp.upper))
+    assert qp.mass @ draft.x == pytest.approx(qp.volume, rel=1e-13)
+    assert qp.objective(draft.x) <= qp.objective(start)
 
 
 def test_bad_first_sets_fail_and_the_fallback_does_not():
@@ -162,6 +170,7 @@ def test_bad_first_sets_fail_and_the_fallback_does_not():
         sets = np.where(phi > 0.5, 1, -1) * (rng.uniform(size=len(phi)) > 0.1)
         if active_set_iteration(qp, sets.astype(np.int8), phi) is None:
             failed += 1
+            check_draft(qp, phi, active_set_iteration(qp, sets.astype(np.int8), phi, draft=True))
             exact = reference.solve_qp_by_bisection(qp)[0] if failed == 1 else None
             check(qp, solve_globalised(qp, phi, 0.0), exact)
     assert failed >= 2

@@ -71,25 +71,33 @@ class MultigridSolver:
         history = []
         size = float(np.linalg.norm(f))
         if size == 0.0:
-            return Solution(np.zeros_like(f), f.copy(), 0, (0.0,), self.name)
+            return Solution(np.zeros_like(f), f.copy(), 0, (0.0,), self.name, 0.0)
         r = np.empty_like(f)
-        for _ in range(3):  # the recursion's residual drifts from the true one: check, go on
+        energy = None
+        for turn in range(3):  # the recursion's residual drifts from the true one: check, go on
             square = kernels.true_residual(self._chunks, *self._matrix, f, x, r, self._partial)
             history.append(np.sqrt(square) / size)
             if history[-1] <= tolerance:
                 break
-            self._iterate(x, r, size, tolerance, history)
+            if turn == 0 and history[0] > 1.0:
+                history[0] = _scale_start(f, x, r) / size
+            energy = self._iterate(x, r, size, tolerance, history)
         else:
             self._give_up(history, tolerance, "rounding keeps the residual up")
-        return Solution(x, r, len(history) - 1, tuple(history), self.name)
+        energy = self._error_energy(r) if energy is None else energy
+        return Solution(x, r, len(history) - 1, tuple(history), self.name, energy)
 
     def _iterate(self, x, r, size, tolerance, history):
-        """Conjugate gradients on x and r in place, until |r| <= tolerance size."""
+        """Conjugate gradients on x and r in place, until |r| <= tolerance size.
+
+        Returns r . B r before the last step, B the cycle, or None if none was taken. The error's
+        energy falls with each step; how far with the last one would cost another cycle to know.
+        """
         finest = self.hierarchy.levels[0]
         p, q, product = np.zeros_like(x), np.zeros_like(x), np.empty_like(x)
         norm = history[-1] * size
         np.multiply(r, 1.0 / norm, out=finest.f, casting="same_kind")
-        curvature = 1.0
+        curvature, energy = 1.0, None
         while history[-1] > tolerance:
             if len(history) > self._max_iterations:
                 self._give_up(history, tolerance, f"{self._max_iterations} iterations are up")
@@ -105,10 +113,12 @@ class MultigridSolver:
                 self._chunks, zr / curvature, beta, finest.x, product, 1.0 / norm,
                 p, q, x, r, finest.f, self._partial,
             )  # fmt: skip
+            energy = zr * norm * self.hierarchy.scale
             norm = np.sqrt(square)
             history.append(norm / size)
+        return energy
 
-    def error_energy(self, residual):
+    def _error_energy(self, residual):
         """r . B r of a residual r (n, 3), an estimate of r . K^-1 r."""
         norm = float(np.linalg.norm(residual))
         if norm == 0.0:
@@ -126,3 +136,18 @@ class MultigridSolver:
             "solver: pyamg or direct, or a mesh with better tets.",
             history,
         )
+
+
+def _scale_start(f, x, r):
+    """Multiply a start x in place by the factor with the least energy; |r|, r as well.
+
+    A start may be good but where the stiffness has come back to what was void and had moved a
+    lot: then the residual is thousands of f, and that of no start at all is better.
+    """
+    work = float(np.vdot(f, x))
+    energy = work - float(np.vdot(r, x))  # x . K x
+    factor = work / energy if energy > 0.0 else 0.0
+    r *= factor
+    r += (1.0 - factor) * f
+    x *= factor
+    return float(np.linalg.norm(r))
