@@ -8,6 +8,7 @@
    it does.
 3. Where triangles cross that did not in the original, samples get a smaller share of the bound,
    and it is done again.
+4. If asked for, angles are bettered and sizes graded, the bound staying proved (`bounded_shape`).
 """
 
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from remesh.bounded_mend import untangle
 from remesh.bounded_mesh import FIXED, BoundedMesh
 from remesh.bounded_proof import BoundProof, closest
 from remesh.bounded_relax import relax_within
+from remesh.bounded_shape import TIGHTER, ShapeAims, shape_within
 from remesh.dense import dense_triangulation
 from remesh.finish import on_plane
 from remesh.prepare import surfaces_by_label
@@ -144,12 +146,24 @@ def remesh_within(mesh, surfaces, settings, progress):
     )
     result = simplify_within(
         mesh, limits, settings.fix_boundary, settings.corner_angle,
-        lambda share: progress("bound", share),
+        lambda share: progress("bound", share), shape_aims(settings),
     )  # fmt: skip
     return replace(result, distance=result.distance + gap)
 
 
-def simplify_within(mesh, limits, fix_boundary=False, corner_angle=45.0, progress=None):
+def shape_aims(settings):
+    """The ShapeAims of settings; None if they ask for nothing."""
+    if settings.quality is None and settings.gradation is None:
+        return None
+    return ShapeAims(
+        settings.quality is not None,
+        settings.sigma if settings.quality == "6d" else 0.0,
+        None if settings.gradation is None else settings.gradation - 1.0,
+        settings.fix_boundary,
+    )
+
+
+def simplify_within(mesh, limits, fix_boundary=False, corner_angle=45.0, progress=None, aims=None):
     """Make a surface coarser within an error bound.
 
     Parameters
@@ -161,6 +175,8 @@ def simplify_within(mesh, limits, fix_boundary=False, corner_angle=45.0, progres
     corner_angle : float [degrees]
     progress : callable, optional
         Called with the share done.
+    aims : ShapeAims, optional
+        What the shapes are to be; as few triangles as can be if not given.
 
     Returns
     -------
@@ -168,12 +184,13 @@ def simplify_within(mesh, limits, fix_boundary=False, corner_angle=45.0, progres
     """
     progress = (lambda share: None) if progress is None else progress
     share = np.ones(len(mesh.points))
+    used = TIGHTER * limits.error if aims is not None and aims.quality else limits.error
     for attempt in range(ATTEMPTS):
         work = BoundedMesh(mesh, limits.error, fix_boundary, corner_angle)
         work.lower_shares(share)
         angle = limits.normal_angle
         stricter = angle * STRICTER**attempt if angle < 180.0 else angle
-        coarsen(work, replace(limits, normal_angle=stricter), progress)
+        coarsen(work, replace(limits, normal_angle=stricter, error=used), progress)
         inserted, missed, proof = make_sure(work, limits)
         progress(0.9)
         result, alive = proof.mesh, proof.alive
@@ -189,6 +206,11 @@ def simplify_within(mesh, limits, fix_boundary=False, corner_angle=45.0, progres
         if not near.any():
             break
         share[near] *= LESS
+    if aims is not None:
+        shape_within(work, proof, limits, aims, flatten)
+        result = proof.mesh
+        crossing = self_intersecting_faces(result.points, result.faces)
+        inverted = proof.inverted()
     return BoundedResult(
         result, proof.proved, proof.normal_angle, inserted, int(crossing.sum()),
         int(inverted.sum()),

@@ -50,7 +50,7 @@ class BoundedMesh:
     """
 
     def __init__(self, mesh, error, fix_boundary=False, corner_angle=45.0):
-        self.source = mesh
+        self.source, self.bound = mesh, error
         self.centre = mesh.points.mean(axis=0)  # of the coordinates of the quadrics
         self.search = ClosestPoint(mesh.points, mesh.faces)
         normals = corner_normals(mesh)[self.search.order].reshape(-1, 9)
@@ -128,7 +128,23 @@ class BoundedMesh:
     @property
     def vertices(self):
         """Number of vertices in use."""
-        return int((self.state[4][: self.counts[0]] >= 0).sum())
+        return len(self.kept())
+
+    def kept(self):
+        """Numbers (k,) of the vertices in use."""
+        return np.flatnonzero(self.state[4][: self.counts[0]] >= 0)
+
+    def saved(self):
+        """A copy of the surface and of its samples' lists, for `restore`."""
+        lists = [array.copy() for array in self.samples[:2]]
+        return [array.copy() for array in self.state], lists, self.counts.copy()
+
+    def restore(self, saved):
+        """Make the surface what it was when `saved` was made; that can be used again."""
+        state, lists, counts = saved
+        self.state = tuple(array.copy() for array in state)
+        self.samples = (*(array.copy() for array in lists), *self.samples[2:])
+        self.counts[:] = counts
 
     def vertices_around(self, faces, rings):
         """Vertices (n,) bool of some faces, and of as many rings around them."""
@@ -143,10 +159,10 @@ class BoundedMesh:
 
     def to_mesh(self):
         """The surface as TriMesh, and the number of each of its faces here."""
-        corner, _, crease, label, first, _, points, _, _ = self.state
+        corner, _, crease, label, _, _, points, _, _ = self.state
         halves = corner[: 3 * self.counts[1]].reshape(-1, 3)
         alive = np.flatnonzero(halves[:, 0] >= 0)
-        kept = np.flatnonzero(first[: self.counts[0]] >= 0)
+        kept = self.kept()
         new = np.full(self.counts[0], -1)
         new[kept] = np.arange(len(kept))
         faces = new[halves[alive]]

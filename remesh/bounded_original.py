@@ -7,11 +7,22 @@ normals (m, 9) are the original's at the corners of its triangles, in the tree's
 import math
 
 from meshes.closest_point_kernels import closest_in_tree, walk
+from meshes.distance_bound_kernels import (
+    CUTS_WAITING,
+    LEAST_CUT,
+    MOST_WAITING,
+    best_plane,
+    corner_distance,
+    cut_by_plane,
+    halve,
+    radius_about,
+)
 from remesh.compiled import kernel
 
 WITHIN_V, WITHIN_W = (0.3, 0.7, 1.0 / 3.0), (0.0, 0.0, 1.0 / 3.0)  # of a star's triangles
 CHECK_V = (0.0, 1.0, 0.0, 0.5, 0.0, 0.5, 1.0 / 3.0)
 CHECK_W = (0.0, 0.0, 1.0, 0.0, 0.5, 0.5, 1.0 / 3.0)
+MOST_PIECES = 3000  # of one triangle, until it is given up
 LEAST_COSINE = 0.05  # between a triangle and the original's normal at its centroid
 
 
@@ -120,3 +131,41 @@ def leaves_original(star, count, x, limit2, t, reference, nodes, squares):
         if inverted_in(star, i, px, py, pz, t, reference, nodes, squares):
             return True
     return False
+
+
+@kernel
+def strays(star, i, limit2, t, reference, nodes, squares, pieces):
+    """Whether not all of a star's triangle is found to be within the distance of the original.
+
+    As `meshes.distance_bound_kernels.bound_faces`, which ends where a point is too far. t is the
+    place of a triangle nearby; pieces (MOST_WAITING + 4, 10) is to work in.
+    """
+    flat, piece, depth = reference[0][3], pieces[MOST_WAITING + 3], 1
+    sides, best_sides = squares[:3], squares[3:6]
+    for d in range(3):
+        pieces[0, d] = star[i, d]
+        pieces[0, 3 + d] = star[i, d] + star[i, 3 + d]
+        pieces[0, 6 + d] = star[i, d] + star[i, 6 + d]
+    pieces[0, 9] = t
+    for _ in range(MOST_PIECES):
+        depth -= 1
+        for d in range(10):
+            piece[d] = pieces[depth, d]
+        x = (piece[0] + piece[3] + piece[6]) / 3.0
+        y = (piece[1] + piece[4] + piece[7]) / 3.0
+        z = (piece[2] + piece[5] + piece[8]) / 3.0
+        t, _, _, square = place_near(x, y, z, limit2, int(piece[9]), reference, nodes, squares)
+        if square > limit2:
+            return True
+        if corner_distance(piece, flat[t])[0] > limit2:
+            piece[9] = t
+            if depth > MOST_WAITING - 3:
+                return True
+            least = LEAST_CUT * radius_about(piece, x, y, z)
+            if depth < CUTS_WAITING and best_plane(piece, flat[t], least, sides, best_sides):
+                depth = cut_by_plane(piece, best_sides, pieces, depth)
+            else:
+                depth = halve(piece, pieces, depth)
+        if depth == 0:
+            return False
+    return True

@@ -86,7 +86,7 @@ class BoundProof:
 
     def _note_changes(self, mesh, alive):
         """Faces (k,) of the mesh that are new, and old corners (j, 9) of those that are gone."""
-        count = int(self.work.counts[1])
+        count = max(int(self.work.counts[1]), len(self.corners))
         more = count - len(self.corners)
         self.corners = np.append(self.corners, np.full((more, 9), np.nan), axis=0)
         self.faces.reserve(count)

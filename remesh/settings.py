@@ -169,9 +169,6 @@ class RemeshSettings:
             raise InvalidCase(f"max_error must be positive, got {self.max_error}")
         if self.vertices is not None:
             raise InvalidCase("ask for a number of vertices or for max_error, not for both")
-        if self.gradation is not None or self.quality is not None:
-            raise InvalidCase("gradation and quality go with vertices or edge_length; with "
-                              "max_error give min_length, max_length or least_angle")  # fmt: skip
         if self.algorithm == "thesis" or self.smoothing > 0:
             raise InvalidCase("max_error holds to the surface as it is: without the thesis's "
                               "algorithm, and without smoothing")  # fmt: skip

@@ -447,8 +447,6 @@ def test_an_error_bound_is_met_and_printed(source, tmp_path, capsys):
         ["--min-length", "2", "--max-length", "1"],
         ["--min-length", "-1"],
         ["--gradation", "1"],
-        ["--gradation", "1.3", "--max-error", "0.01"],
-        ["--quality", "3d", "--max-error", "0.01"],
         ["--quality", "4d"],
         ["--gradation", "1.3", "--algorithm", "thesis"],
     ],

@@ -215,3 +215,30 @@ def broken_bounded(work):
     if not (found.manifold and found.oriented):
         wrong.append(f"not an oriented manifold: {found}")
     return wrong
+
+
+def slow_shape(points, normals, sigma2, floor, floor3):
+    """`bounded_shape_kernels.triangle_cost` of corners (3, 3) with unit normals, inside of patches.
+
+    Angles by the cosine theorem, in degrees.
+    """
+
+    def least(weight):
+        edge = np.zeros((3, 3))
+        for i in range(3):
+            for j in range(3):
+                step, turn = points[i] - points[j], normals[i] - normals[j]
+                edge[i, j] = np.sqrt(step @ step + weight * (turn @ turn))
+        angles = []
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            cosine = (edge[i, j] ** 2 + edge[i, k] ** 2 - edge[j, k] ** 2) / (
+                2.0 * edge[i, j] * edge[i, k]
+            )
+            angles.append(np.degrees(np.arccos(cosine)))
+        return min(angles)
+
+    angle = least(sigma2)
+    slack = angle / floor
+    if sigma2 > 0.0:
+        slack = min(slack, least(0.0) / floor3)
+    return ((60.0 - angle) / 30.0) ** 2 + 20.0 * max(1.0 - slack, 0.0) ** 2, slack

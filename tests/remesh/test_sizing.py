@@ -271,8 +271,6 @@ def test_an_edge_length_far_above_the_inputs_is_met():
         {"max_length": 0.0},
         {"max_length": 1.0, "algorithm": "thesis"},
         {"gradation": 1.3, "algorithm": "thesis"},
-        {"gradation": 1.3, "max_error": 0.1},
-        {"quality": "3d", "max_error": 0.1},
     ],
     ids=str,
 )
