@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+import meshio
 import numpy as np
 
 from meshes.errors import InvalidCase, InvalidMesh
@@ -27,7 +28,6 @@ from meshes.storage import (
 )
 from meshes.topology import check_indices
 from meshes.vtp import read_vtp, vtp_bytes
-from meshes.vtu import vtu_bytes
 
 SURFACE_SUFFIXES = (".stl", ".ply", ".obj", ".off", ".vtp")
 WITH_POINT_DATA = (".ply", ".vtp")
@@ -201,7 +201,17 @@ def write_tets(path, mesh, point_data=None, cell_data=None):
     path = Path(path)
     if path.suffix.lower() != ".vtu":
         raise InvalidCase(f"{path}: tetrahedra are written as .vtu")
-    write_atomically(path, vtu_bytes(mesh, point_data, cell_data))
+    grid = meshio.Mesh(
+        mesh.points,
+        [("tetra", mesh.tets)],
+        point_data={name: np.asarray(values) for name, values in (point_data or {}).items()},
+        cell_data={name: [np.asarray(values)] for name, values in (cell_data or {}).items()},
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        beside = Path(folder) / "mesh.vtu"
+        meshio.write(beside, grid, file_format="vtu", binary=True, compression="zlib")
+        data = beside.read_bytes()
+    write_atomically(path, data)
 
 
 def write_series(path, files, times=None):
