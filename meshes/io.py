@@ -209,7 +209,7 @@ def write_tets(path, mesh, point_data=None, cell_data=None):
     )
     with tempfile.TemporaryDirectory() as folder:
         beside = Path(folder) / "mesh.vtu"
-        meshio.write(beside, grid, file_format="vtu", binary=True, compression="zlib")
+        meshio.write(beside, grid, file_format="vtu", binary=True, compression=None)
         data = beside.read_bytes()
     write_atomically(path, data)
 
