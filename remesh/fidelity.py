@@ -98,11 +98,12 @@ class ImplicitFidelity:
 
     def __call__(self, work, corners, samples, own):
         """See `adjust.fit_vertices`."""
-        points = np.einsum("sk,mkd->msd", samples, work.rows[corners, :3])
+        triangles = work.rows[corners, :3]
+        points = samples @ triangles
         per = len(samples)
         _, live = work.corner_rows()
         labels = work.labels[live]
-        a, b, c = (work.rows[corners[:, k], :3] for k in range(3))
+        a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]
         own_normals = np.cross(b - a, c - a)
         own_normals /= np.maximum(np.linalg.norm(own_normals, axis=1), 1e-300)[:, None]
         normals = np.repeat(own_normals, per, axis=0)
